@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
+from copy import copy
 from typing import Protocol
 
 import msgspec
@@ -51,28 +52,28 @@ class Verifier(Protocol):
         ...
 
 
-class ParserStatistics(msgspec.Struct, frozen=True):
+class ParserStatistics(msgspec.Struct):
     """One reading of a parser's gauges."""
 
-    received: int
+    received: int = 0
     """Frames handed out."""
-    bad_crc: int
+    bad_crc: int = 0
     """Places that began like a frame and had a wrong checksum."""
-    unknown: int
+    unknown: int = 0
     """Places that began like a frame with an id that the dialect does not have."""
-    incompatible: int
+    incompatible: int = 0
     """Intact frames with a flag that we do not understand."""
-    refused: int
+    refused: int = 0
     """Intact frames that the verifier refused."""
-    version_1: int
+    version_1: int = 0
     """Frames of MAVLink 1 among the received ones."""
-    lost: int
+    lost: int = 0
     """Frames that never came, by the gaps in the sequence numbers; those with an unknown id have come."""
-    late: int
+    late: int = 0
     """Frames that came twice or out of order."""
-    skipped: int
+    skipped: int = 0
     """[bytes] that belong to no intact frame."""
-    bytes: int
+    bytes: int = 0
     """[bytes] fed."""
 
 
@@ -89,35 +90,23 @@ class Parser:
         self._rest = b""
         self._speaker = self._next = self._after_late = -1
         self._expected: dict[int, int] = {}
-        self._received = self._bad_crc = self._unknown = self._incompatible = self._refused = 0
-        self._version_1 = self._lost = self._late = self._skipped = self._bytes = 0
+        self._gauges = ParserStatistics()
 
     @property
     def statistics(self) -> ParserStatistics:
         """The gauges now."""
-        return ParserStatistics(
-            received=self._received,
-            bad_crc=self._bad_crc,
-            unknown=self._unknown,
-            incompatible=self._incompatible,
-            refused=self._refused,
-            version_1=self._version_1,
-            lost=self._lost,
-            late=self._late,
-            skipped=self._skipped,
-            bytes=self._bytes,
-        )
+        return copy(self._gauges)
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take some bytes, whatever they are, and hand out the frames that they complete."""
-        self._bytes += len(data)
+        self._gauges.bytes += len(data)
         return self._scan(self._rest + data if self._rest else data)
 
     def flush(self) -> list[Frame]:
         """The stream ended or paused: what looks like the beginning of a frame is none."""
         frames: list[Frame] = []
         while self._rest:
-            self._skipped += 1
+            self._gauges.skipped += 1
             frames += self._scan(self._rest[1:])
         return frames
 
@@ -127,7 +116,7 @@ class Parser:
         while before != i < len(buffer):
             before = i
             i = self._run(buffer, self._pass(buffer, i, frames), frames)
-        self._received += len(frames)
+        self._gauges.received += len(frames)
         self._rest = buffer[i:]
         return frames
 
@@ -153,12 +142,12 @@ class Parser:
             if flags:
                 frame = Frame(body, codec, checksum, buffer[crc + 2 : stop])
                 if flags != SIGNED:
-                    self._incompatible += 1
+                    self._gauges.incompatible += 1
                     continue
             else:
                 frame = Frame(body, codec, checksum)
             if verify is not None and not verify(frame, buffer[start : stop - PROOF_BYTES]):
-                self._refused += 1
+                self._gauges.refused += 1
                 continue
             if sequence == expected and speaker == last_speaker:
                 expected = sequence + 1 & 0xFF
@@ -180,7 +169,7 @@ class Parser:
         if buffer[i] != MAGIC:
             found = _MAGIC.search(buffer, i)
             start = found.start() if found else len(buffer)
-            self._skipped += start - i
+            self._gauges.skipped += start - i
             return start
         if left < _OVERHEAD:
             return i
@@ -207,9 +196,9 @@ class Parser:
             return self._step(i)
         frame = Frame(body, codec, checksum)
         if self.verifier is not None and not self.verifier.verify(frame, b""):
-            self._refused += 1
+            self._gauges.refused += 1
             return crc + 2
-        self._version_1 += 1
+        self._gauges.version_1 += 1
         self._turn(frame.system | frame.component << 8, frame.sequence)
         frames.append(frame)
         return crc + 2
@@ -225,11 +214,11 @@ class Parser:
 
     def _step(self, i: int, *, unknown: bool = False) -> int:
         """Skip one byte: these bytes are no frame."""
-        self._skipped += 1
+        self._gauges.skipped += 1
         if unknown:
-            self._unknown += 1
+            self._gauges.unknown += 1
         else:
-            self._bad_crc += 1
+            self._gauges.bad_crc += 1
         return i + 1
 
     def _turn(self, speaker: int, sequence: int) -> None:
@@ -244,9 +233,9 @@ class Parser:
         missing = (sequence - expected) & 0xFF
         follows = sequence + 1 & 0xFF
         if missing < _LATE:
-            self._lost += missing
+            self._gauges.lost += missing
             self._next = follows
         else:
-            self._late += 1
+            self._gauges.late += 1
             self._next = follows if self._after_late == sequence else expected
             self._after_late = follows

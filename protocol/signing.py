@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+from copy import copy
 from hmac import compare_digest
 from typing import TYPE_CHECKING
 
@@ -208,27 +209,27 @@ class StreamTable:
         return self._newest.setdefault(key.fingerprint, {})
 
 
-class VerifierStatistics(msgspec.Struct, frozen=True):
+class VerifierStatistics(msgspec.Struct):
     """One reading of a verifier's gauges."""
 
-    passed: int
-    allowed: int
+    passed: int = 0
+    allowed: int = 0
     """Unsigned frames that the allow-list let pass."""
-    unsigned: int
+    unsigned: int = 0
     """Frames without a signature, MAVLink 1 among them, that were refused."""
-    forged: int
+    forged: int = 0
     """Signatures that do not belong to the key."""
-    late: int
+    late: int = 0
     """Good signatures that would begin a stream more than a minute ago, or before we were started."""
-    behind: float
+    behind: float = 0.0
     """[s] by which the timestamp of the last of these lay behind our clock, or behind all that we accept."""
-    early: int
+    early: int = 0
     """Good signatures more than a minute ahead of our clock."""
-    ahead: float
+    ahead: float = 0.0
     """[s] by which the last of these was ahead."""
-    replayed: int
+    replayed: int = 0
     """Good signatures with a timestamp that is not later than the one before in its stream."""
-    repeated: int
+    repeated: int = 0
     """Those among them that have the very timestamp of the one before."""
 
 
@@ -258,25 +259,12 @@ class Verifier:
         """The key whose signatures pass."""
         self._begin, self._time, self._allow = key.begin, time, allow
         self._newest = streams.of(key)
-        self._passed = self._allowed = self._unsigned = self._forged = 0
-        self._late = self._early = self._replayed = self._repeated = 0
-        self._behind = self._ahead = 0.0
+        self._gauges = VerifierStatistics()
 
     @property
     def statistics(self) -> VerifierStatistics:
         """The gauges now."""
-        return VerifierStatistics(
-            passed=self._passed,
-            allowed=self._allowed,
-            unsigned=self._unsigned,
-            forged=self._forged,
-            late=self._late,
-            behind=self._behind,
-            early=self._early,
-            ahead=self._ahead,
-            replayed=self._replayed,
-            repeated=self._repeated,
-        )
+        return copy(self._gauges)
 
     def verify(self, frame: Frame, said: bytes) -> bool:
         """Whether a frame may pass.
@@ -288,20 +276,20 @@ class Verifier:
         signature = frame.signature
         if not signature:
             allowed = self._allow(frame)
-            self._allowed += allowed
-            self._unsigned += not allowed
+            self._gauges.allowed += allowed
+            self._gauges.unsigned += not allowed
             return allowed
         begin = self._begin
         running = begin()
         running.update(said)
         if not compare_digest(running.digest()[:PROOF_BYTES], signature[7:]):
-            self._forged += 1
+            self._gauges.forged += 1
             return False
         stream, timestamp = said[5:7] + signature[:1], int.from_bytes(signature[1:7], "little")
         newest = self._newest.get(stream)
         if newest is not None and timestamp <= newest:
-            self._replayed += 1
-            self._repeated += timestamp == newest
+            self._gauges.replayed += 1
+            self._gauges.repeated += timestamp == newest
             return False
         heard = self._time.heard
         if (newest is None and self._is_late(timestamp)) or self._is_early(timestamp, heard.newest):
@@ -309,7 +297,7 @@ class Verifier:
         if timestamp > heard.newest:
             heard.note(timestamp)
         self._newest[stream] = timestamp
-        self._passed += 1
+        self._gauges.passed += 1
         return True
 
     def _is_early(self, timestamp: int, newest: int) -> bool:
@@ -323,8 +311,8 @@ class Verifier:
         ahead = timestamp - self._time.now()
         if ahead <= OLDEST_STREAM or self._time.wall() < CLOCK_SET:
             return False
-        self._early += 1
-        self._ahead = ahead / UNITS
+        self._gauges.early += 1
+        self._gauges.ahead = ahead / UNITS
         return True
 
     def _is_late(self, timestamp: int) -> bool:
@@ -332,6 +320,6 @@ class Verifier:
         now, start = self._time.now(), self._time.start
         late = timestamp < max(now - OLDEST_STREAM, start)
         if late:
-            self._late += 1
-            self._behind = (max(now, start) - timestamp) / UNITS
+            self._gauges.late += 1
+            self._gauges.behind = (max(now, start) - timestamp) / UNITS
         return late or len(self._newest) >= MAX_STREAMS

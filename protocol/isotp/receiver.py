@@ -13,6 +13,7 @@ has.
 
 from __future__ import annotations
 
+from copy import copy
 from math import inf
 
 import msgspec
@@ -24,22 +25,22 @@ N_CR = 1.0
 """[s] The longest wait for the next consecutive frame (ISO 15765-2, table 18)."""
 
 
-class ReceiverStatistics(msgspec.Struct, frozen=True):
+class ReceiverStatistics(msgspec.Struct):
     """One reading of a receiver's gauges."""
 
-    received: int
+    received: int = 0
     """Payloads handed out."""
-    out_of_sequence: int
+    out_of_sequence: int = 0
     """Reassemblies that ended because a frame was missing."""
-    interrupted: int
+    interrupted: int = 0
     """Reassemblies that ended because another payload began."""
-    silent: int
+    silent: int = 0
     """Reassemblies that ended because nothing more came."""
-    repeated: int
+    repeated: int = 0
     """Frames that came twice in a row."""
-    unexpected: int
+    unexpected: int = 0
     """Consecutive frames of no payload."""
-    refused: int
+    refused: int = 0
     """First frames that announced more than we take."""
 
 
@@ -69,36 +70,27 @@ class Receiver:
         self._pieces: list[bytes] = []
         self._missing = self._step = self._number = self._block = 0
         self._since = 0.0
-        self._received = self._out_of_sequence = self._interrupted = self._silent = 0
-        self._repeated = self._unexpected = self._refused = 0
+        self._gauges = ReceiverStatistics()
 
     @property
     def statistics(self) -> ReceiverStatistics:
         """The gauges now."""
-        return ReceiverStatistics(
-            received=self._received,
-            out_of_sequence=self._out_of_sequence,
-            interrupted=self._interrupted,
-            silent=self._silent,
-            repeated=self._repeated,
-            unexpected=self._unexpected,
-            refused=self._refused,
-        )
+        return copy(self._gauges)
 
     def single(self, frame: SingleFrame) -> bytes:
         """Take a single frame: it is the payload."""
         self._interrupt()
-        self._received += 1
+        self._gauges.received += 1
         return frame.data
 
     def first(self, frame: FirstFrame, now: float) -> bytes | None:
         """Take a first frame; hand back the data field of the flow control to send, if one is due."""
         if self._pieces == [frame.data] and now < self._since + self.n_cr / 4:
-            self._repeated += 1  # too early for a sender that lost patience and begins again
+            self._gauges.repeated += 1  # too early for a sender that lost patience and begins again
             return None
         self._interrupt()
         if frame.length > self.largest:
-            self._refused += 1
+            self._gauges.refused += 1
             return self._no_room
         self._pieces = [frame.data]
         self._missing = frame.length - len(frame.data)
@@ -115,14 +107,14 @@ class Receiver:
         """
         self.tick(now)
         if self.due == inf:
-            self._unexpected += 1
+            self._gauges.unexpected += 1
             return None, None
         needed = min(self._missing, self._step)
         if frame.number != self._number + 1 & 0xF or len(frame.data) < needed:
             if frame.number == self._number and self._pieces[-1] == frame.data[: self._step] != b"":
-                self._repeated += 1
+                self._gauges.repeated += 1
             else:
-                self._out_of_sequence += 1
+                self._gauges.out_of_sequence += 1
                 self._end()
             return None, None
         self._number = frame.number
@@ -131,7 +123,7 @@ class Receiver:
         self.due = now + self.n_cr
         if not self._missing:
             payload = b"".join(self._pieces)
-            self._received += 1
+            self._gauges.received += 1
             self._end()
             return payload, None
         self._block -= 1
@@ -143,12 +135,12 @@ class Receiver:
     def tick(self, now: float) -> None:
         """Forget the payload whose sender has been silent too long."""
         if now >= self.due:
-            self._silent += 1
+            self._gauges.silent += 1
             self._end()
 
     def _interrupt(self) -> None:
         if self.due != inf:
-            self._interrupted += 1
+            self._gauges.interrupted += 1
             self._end()
 
     def _end(self) -> None:

@@ -7,6 +7,7 @@ no room ends the transfer: see `Sender.failed`. There is no acknowledgement of t
 
 from __future__ import annotations
 
+from copy import copy
 from enum import Enum
 from math import inf
 
@@ -31,14 +32,14 @@ class Failure(Enum):
     INVALID = "the receiver's flow control means nothing"
 
 
-class SenderStatistics(msgspec.Struct, frozen=True):
+class SenderStatistics(msgspec.Struct):
     """One reading of a sender's gauges."""
 
-    sent: int
+    sent: int = 0
     """Payloads whose last frame went out."""
-    failed: int
+    failed: int = 0
     """Transfers that were given up."""
-    unexpected: int
+    unexpected: int = 0
     """Flow controls that nobody waited for."""
 
 
@@ -64,7 +65,7 @@ class Sender:
         self._position = self._number = self._block = self._waits = 0
         self._separation = 0.0
         self._waiting = False
-        self._sent = self._failures = self._unexpected = 0
+        self._gauges = SenderStatistics()
 
     @property
     def busy(self) -> bool:
@@ -74,7 +75,7 @@ class Sender:
     @property
     def statistics(self) -> SenderStatistics:
         """The gauges now."""
-        return SenderStatistics(self._sent, self._failures, self._unexpected)
+        return copy(self._gauges)
 
     def send(self, payload: bytes, now: float) -> list[bytes]:
         """Begin a transfer; hand back the data fields to send now.
@@ -87,7 +88,7 @@ class Sender:
             raise TransferUnderWay(len(self._payload), self._position)
         self.failed = None
         if 0 < len(payload) <= self._single:
-            self._sent += 1
+            self._gauges.sent += 1
             return [frames.single(payload, self.width)]
         if not 0 < len(payload) <= frames.LARGEST:
             raise PayloadSize(len(payload), frames.LARGEST)
@@ -99,7 +100,7 @@ class Sender:
     def control(self, flow: FlowControl, now: float) -> list[bytes]:
         """Take the receiver's flow control; hand back the data fields to send now."""
         if not self._waiting:
-            self._unexpected += 1
+            self._gauges.unexpected += 1
             return []
         if flow.status == FlowStatus.CONTINUE:
             self._waiting, self._waits = False, 0
@@ -132,7 +133,7 @@ class Sender:
             self._number += 1
             self._block -= 1
             if self._position >= len(self._payload):
-                self._sent += 1
+                self._gauges.sent += 1
                 self._end()
             elif not self._block:
                 self._waiting, self.due = True, now + self.n_bs
@@ -146,7 +147,7 @@ class Sender:
 
     def _give_up(self, failure: Failure) -> None:
         self.failed = failure
-        self._failures += 1
+        self._gauges.failed += 1
         self._end()
 
     def _end(self) -> None:

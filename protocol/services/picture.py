@@ -6,6 +6,7 @@ There is no repetition: a picture with a hole is dropped and counted, the next o
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -39,13 +40,13 @@ class Picture(msgspec.Struct, frozen=True):
     quality: int
 
 
-class PictureStatistics(msgspec.Struct, frozen=True):
+class PictureStatistics(msgspec.Struct):
     """One reading of a receiver's gauges."""
 
-    received: int
-    dropped: int
+    received: int = 0
+    dropped: int = 0
     """Pictures with a hole, or that nobody can want."""
-    pieces: int
+    pieces: int = 0
     """Packets that belong to a picture; while they grow, one is on its way."""
 
 
@@ -76,12 +77,12 @@ class PictureReceiver:
 
     def __init__(self) -> None:
         self._unfinished: dict[Peer, tuple[DataTransmissionHandshake, list[bytes]]] = {}
-        self._received = self._dropped = self._pieces = 0
+        self._gauges = PictureStatistics()
 
     @property
     def statistics(self) -> PictureStatistics:
         """The gauges now."""
-        return PictureStatistics(received=self._received, dropped=self._dropped, pieces=self._pieces)
+        return copy(self._gauges)
 
     def receive(self, frame: Frame, via: Hashable) -> list[Picture]:
         """Take a frame; the picture that it completes."""
@@ -106,7 +107,7 @@ class PictureReceiver:
             or not 0 < payload <= PACKET
             or -(-size // payload) != announcement.packets
         ):
-            self._dropped += 1
+            self._gauges.dropped += 1
             return
         if len(self._unfinished) >= MAX_PEERS:
             self._drop(next(iter(self._unfinished)))
@@ -119,15 +120,15 @@ class PictureReceiver:
         if piece.seqnr != len(pieces) & 0xFFFF:
             self._drop(peer)
             return []
-        self._pieces += 1
+        self._gauges.pieces += 1
         pieces.append(piece.data[: announcement.payload])
         if len(pieces) < announcement.packets:
             return []
         del self._unfinished[peer]
-        self._received += 1
+        self._gauges.received += 1
         data = b"".join(pieces)[: announcement.size]
         return [Picture(peer, data, announcement.width, announcement.height, announcement.jpg_quality)]
 
     def _drop(self, peer: Peer) -> None:
         del self._unfinished[peer]
-        self._dropped += 1
+        self._gauges.dropped += 1

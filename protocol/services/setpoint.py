@@ -12,6 +12,7 @@ again by itself when the stop is released.
 
 from __future__ import annotations
 
+from copy import copy
 from math import isinf
 from typing import TYPE_CHECKING
 
@@ -36,19 +37,19 @@ _TURN = 1 << 32
 _HALF = _TURN // 2
 
 
-class SetpointStatistics(msgspec.Struct, frozen=True):
+class SetpointStatistics(msgspec.Struct):
     """One reading of a receiver's gauges."""
 
-    obeyed: int
-    late: int
+    obeyed: int = 0
+    late: int = 0
     """Made too long ago, or in the future."""
-    stale: int
+    stale: int = 0
     """From an epoch that is over or not honest, or made for another life of the controller."""
-    overtaken: int
+    overtaken: int = 0
     """Older than one already obeyed."""
-    refused: int
+    refused: int = 0
     """Of an unknown kind, infinite, without a time to live, or out of the robot's limits."""
-    ended: int
+    ended: int = 0
     """Of a stream that is over, or beside the stream of another sender."""
 
 
@@ -87,19 +88,12 @@ class SetpointReceiver:
         self._until = float("-inf")
         self._stream: _Stream | None = None
         self._shut_out: dict[Hashable, _ShutOut] = {}
-        self._obeyed = self._late = self._stale = self._overtaken = self._refused = self._ended = 0
+        self._gauges = SetpointStatistics()
 
     @property
     def statistics(self) -> SetpointStatistics:
         """The gauges now."""
-        return SetpointStatistics(
-            obeyed=self._obeyed,
-            late=self._late,
-            stale=self._stale,
-            overtaken=self._overtaken,
-            refused=self._refused,
-            ended=self._ended,
-        )
+        return copy(self._gauges)
 
     def receive(
         self, setpoint: Setpoint, now: float, sender: Hashable = None, *, arrived: float | None = None
@@ -113,27 +107,27 @@ class SetpointReceiver:
             arrived: when it arrived, if it waited since, [s].
         """
         if setpoint.kind not in self._kinds or any(map(isinf, setpoint.args)) or not setpoint.ttl_ms:
-            self._refused += 1
+            self._gauges.refused += 1
             return False
         ttl = min(setpoint.ttl_ms / 1000, LONGEST_TTL)
         made = _made(setpoint.time_boot_ms, now if arrived is None else arrived)
         if not now - ttl < made <= now + LONGEST_TTL:
-            self._late += 1
+            self._gauges.late += 1
             return False
         elsewhere = bool(self._life) and setpoint.life not in {0, self._life}
         if elsewhere or not self._fence(setpoint.epoch):
-            self._stale += 1
+            self._gauges.stale += 1
             return False
         stream = self._continued(setpoint, sender, now)
         if self._is_shut_out(setpoint, sender, now) or (stream is None and self._is_beside(setpoint, now)):
-            self._ended += 1
+            self._gauges.ended += 1
             return False
         if stream is not None and not 0 < (setpoint.number - stream.number) % _TURN < _HALF:
-            self._overtaken += 1
+            self._gauges.overtaken += 1
             return False
         self._stream = _Stream(sender, setpoint.epoch, setpoint.number, obeyed=now, heard=now)
         self._current, self._until = setpoint, min(made, now) + ttl
-        self._obeyed += 1
+        self._gauges.obeyed += 1
         return True
 
     def refuse(self, setpoint: Setpoint, now: float, sender: Hashable = None, *, over: bool = False) -> None:
@@ -145,7 +139,7 @@ class SetpointReceiver:
             sender: whose stream it belongs to.
             over: that stream is over, as after `drop`: a stop is in force, or a goal runs.
         """
-        self._refused += 1
+        self._gauges.refused += 1
         if over:
             self._shut(sender, setpoint.epoch, now)
 

@@ -42,11 +42,6 @@ class DirectPort(Port):
         self._loop.add_reader(self._descriptor, self._readable)
 
     @property
-    def waiting(self) -> int:
-        """Frames that the bus has not taken yet."""
-        return len(self._queue)
-
-    @property
     def congested(self) -> bool:
         """Whether any frame waits."""
         return bool(self._queue)
@@ -80,7 +75,6 @@ class DirectPort(Port):
                 self._break(str(error))
             return False
         self._refused_since = None
-        self._sent += 1
         return True
 
     def _drain(self) -> None:

@@ -7,8 +7,6 @@ import random
 import secrets
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from robotree.protocol.errors import LinkBroken, LinkClosed, LinkRefused
 from robotree.protocol.isotp.frames import CLASSIC, FD, SingleFrame, decode
 from robotree.protocol.links.can.control import Code, Control, SilenceTimer, read
@@ -23,7 +21,7 @@ from robotree.protocol.links.can.identifiers import (
 )
 from robotree.protocol.links.can.link import CanLink, Ends
 from robotree.protocol.links.can.opening import open_port
-from robotree.protocol.links.can.port import Port, PortStatistics
+from robotree.protocol.links.can.port import Port
 
 if TYPE_CHECKING:
     from can import Message
@@ -39,16 +37,6 @@ _STRANGER_AFTER = 1.0
 """[s] of unanswered questions after which a controller that speaks counts as one without sessions."""
 
 
-class HostStatistics(msgspec.Struct, frozen=True):
-    """One reading of a host's gauges."""
-
-    port: PortStatistics
-    foreign: int
-    """Frames that are not for us: of other nodes, or of other uses of the bus."""
-    malformed: int
-    """Broadcasts and control frames of our controller that mean nothing."""
-
-
 class Host:
     """One host on a bus. Made by `connect`."""
 
@@ -58,15 +46,9 @@ class Host:
         self._loop = asyncio.get_running_loop()
         self._link: asyncio.Future[CanLink] = self._loop.create_future()
         self._began = self._loop.time()
-        self._foreign = self._malformed = 0
         self._last_word = f"no controller with node={address.node} answers on this bus"
         self._broadcast_route = route(Kind.BROADCAST, target=EVERYBODY, source=address.node)
         self._choose_number()
-
-    @property
-    def statistics(self) -> HostStatistics:
-        """The gauges now."""
-        return HostStatistics(self._port.statistics, self._foreign, self._malformed)
 
     async def open(self) -> CanLink:
         """Ask the controller for a session until it answers.
@@ -88,18 +70,16 @@ class Host:
         """A data frame arrived."""
         way = message.arbitration_id & ROUTE
         if not message.is_extended_id:
-            self._foreign += 1
-        elif way == self._data_route:
+            return
+        if way == self._data_route:
             if self._link.done():
                 self._link.result().heard(message)
             else:
                 self._controller_speaks()
         elif way == self._broadcast_route:
             self._heard_by_all(message)
-        elif way == self._control_route:
-            self._controlled(read(bytes(message.data)))
-        else:
-            self._foreign += 1
+        elif way == self._control_route and (control := read(bytes(message.data))) is not None:
+            self._controlled(control)
 
     def room(self) -> None:
         """The bus has accepted all waiting frames."""
@@ -124,8 +104,8 @@ class Host:
     def _heard_by_all(self, message: Message) -> None:
         frame = decode(bytes(message.data))
         if not isinstance(frame, SingleFrame):
-            self._malformed += 1
-        elif self._link.done():
+            return
+        if self._link.done():
             self._link.result().alive()
             self._link.result().deliver(frame.data)
         else:
@@ -136,12 +116,10 @@ class Host:
         if self._loop.time() - self._began > _STRANGER_AFTER:
             self._begin(None)
 
-    def _controlled(self, control: Control | None) -> None:
-        if control is None:
-            self._malformed += 1
-        elif control.session != self._session:
-            self._foreign += 1
-        elif not self._link.done():
+    def _controlled(self, control: Control) -> None:
+        if control.session != self._session:
+            return
+        if not self._link.done():
             if control.code == Code.ACCEPT:
                 self._begin(self._session)
             elif control.code == Code.REFUSE:

@@ -37,7 +37,7 @@ from robotree.protocol.links.can.identifiers import (
 )
 from robotree.protocol.links.can.link import CanLink, Ends
 from robotree.protocol.links.can.opening import open_port
-from robotree.protocol.links.can.port import Port, PortStatistics
+from robotree.protocol.links.can.port import Port
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
@@ -58,7 +58,6 @@ _SPEAKER = 5
 class ListenerStatistics(msgspec.Struct, frozen=True):
     """One reading of a listener's gauges."""
 
-    port: PortStatistics
     foreign: int
     """Frames that are not for us: of other nodes, or of other uses of the bus."""
     unknown: int
@@ -99,7 +98,7 @@ class CanListener:
     @property
     def statistics(self) -> ListenerStatistics:
         """The gauges now."""
-        return ListenerStatistics(self._port.statistics, self._foreign, self._unknown, self._breaks)
+        return ListenerStatistics(self._foreign, self._unknown, self._breaks)
 
     async def claim(self) -> None:
         """Ask the others on the bus whether our number is free.

@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from typing import Protocol
 
 import can
-import msgspec
 
 from robotree.files import forks
 
@@ -20,19 +19,6 @@ SEND_WITHIN = 1.0
 """[s] that a bus may refuse to take a frame before it counts as broken."""
 MOST_ERRORS = 100
 """Failed receptions in a row that mean that the bus is broken; a single one can be a stray datagram."""
-
-
-class PortStatistics(msgspec.Struct, frozen=True):
-    """One reading of a port's gauges."""
-
-    sent: int
-    """Frames that the bus took."""
-    received: int
-    """Frames that the bus handed out."""
-    errors: int
-    """Receptions that failed, and error frames."""
-    waiting: int
-    """Frames that the bus has not taken yet."""
 
 
 class PortUser(Protocol):
@@ -61,8 +47,7 @@ class Port(ABC):
         self._loop = asyncio.get_running_loop()
         self._open = True
         forks.owns(self)
-        self._sent: int = 0
-        self._received = self._errors = self._failures = 0
+        self._failures = 0
 
     def in_child(self) -> Iterable[int]:
         """See `forks.Owner`. Not every interface of python-can has a descriptor."""
@@ -72,18 +57,8 @@ class Port(ABC):
 
     @property
     @abstractmethod
-    def waiting(self) -> int:
-        """Frames that the bus has not taken yet."""
-
-    @property
-    @abstractmethod
     def congested(self) -> bool:
         """Whether so many wait that more had better wait where they can still be superseded."""
-
-    @property
-    def statistics(self) -> PortStatistics:
-        """The gauges now."""
-        return PortStatistics(self._sent, self._received, self._errors, self.waiting)
 
     @abstractmethod
     def send(self, arbitration_id: int, data: bytes, *, fd: bool) -> None:
@@ -112,14 +87,11 @@ class Port(ABC):
 
     def _take(self, message: can.Message) -> None:
         self._failures = 0
-        self._received += 1
-        if message.is_error_frame:
-            self._errors += 1
-        elif self._open and self.user is not None and not message.is_remote_frame:
+        usual = not (message.is_error_frame or message.is_remote_frame)
+        if usual and self._open and self.user is not None:
             self.user.heard(message)
 
     def _fail_to_receive(self, error: Exception) -> None:
-        self._errors += 1
         self._failures += 1
         if self._failures >= MOST_ERRORS:
             self._break(f"{MOST_ERRORS} receptions in a row failed, the last one because: {error}")

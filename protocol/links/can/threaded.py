@@ -29,7 +29,7 @@ class ThreadedPort(Port):
     def __init__(self, bus: can.BusABC, *, fd: bool) -> None:
         super().__init__(bus, fd=fd)
         self._queue: queue.PriorityQueue[tuple[int, int, can.Message | None]] = queue.PriorityQueue()
-        self._count = 0
+        self._count = self._sent = 0
         self._ending = threading.Event()
         self._threads = [
             threading.Thread(target=work, name=f"{bus.channel_info} {work.__name__}", daemon=True)

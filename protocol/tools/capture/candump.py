@@ -39,17 +39,17 @@ _EXTENDED_DIGITS = 8
 _ERROR_FLAG = 0x20000000
 
 
-class CandumpStatistics(msgspec.Struct, frozen=True):
+class CandumpStatistics(msgspec.Struct):
     """One reading of a reader's gauges."""
 
-    lines: int
-    malformed: int
+    lines: int = 0
+    malformed: int = 0
     """Lines that are no frame, among them remote and error frames."""
-    foreign: int
+    foreign: int = 0
     """Frames of other uses of the bus, link control among them."""
-    payloads: int
+    payloads: int = 0
     """ISO-TP payloads that were whole."""
-    broken: int
+    broken: int = 0
     """Payloads of which a frame is missing, and frames that belong to no payload."""
 
 
@@ -60,20 +60,15 @@ class CandumpReader:
         self._rest = b""
         self._receivers: dict[tuple[str, int], Receiver] = {}
         self._partner: dict[tuple[bytes, int], int] = {}
-        self._lines = self._malformed = self._foreign = self._payloads = self._broken = 0
+        self._gauges = CandumpStatistics()
         self.skipped = 0
         """[bytes] that belong to no line."""
 
     @property
     def statistics(self) -> CandumpStatistics:
         """The gauges now."""
-        return CandumpStatistics(
-            lines=self._lines,
-            malformed=self._malformed,
-            foreign=self._foreign,
-            payloads=self._payloads,
-            broken=self._broken + sum(map(_broken, self._receivers.values())),
-        )
+        broken = self._gauges.broken + sum(map(_broken, self._receivers.values()))
+        return msgspec.structs.replace(self._gauges, broken=broken)
 
     def feed(self, data: bytes) -> list[Captured]:
         """Take some bytes and hand out the payloads that they complete."""
@@ -91,16 +86,16 @@ class CandumpReader:
         line = line.strip()
         if not line:
             return None
-        self._lines += 1
+        self._gauges.lines += 1
         parts = _LINE.fullmatch(line)
         if parts is None or len(parts[5]) % 2 or int(parts[4], 16) & _ERROR_FLAG:
-            self._malformed += 1
+            self._gauges.malformed += 1
             return None
         time = int(parts[1]) * 1_000_000 + int(parts[2].ljust(6, b"0")[:6])
         field = bytes.fromhex(parts[5].decode())
         kind, target, source = taken_apart(int(parts[4], 16))
         if len(parts[4]) != _EXTENDED_DIGITS or kind not in (Kind.ADDRESSED, Kind.BROADCAST):
-            self._foreign += 1
+            self._gauges.foreign += 1
             return None
         if kind == Kind.ADDRESSED and len(self._partner) < MAX_ENTRIES:
             self._partner[parts[3], source] = target
@@ -114,7 +109,7 @@ class CandumpReader:
         receiver = self._receivers.get(stream)
         if receiver is None:
             if len(self._receivers) >= MAX_ENTRIES:
-                self._foreign += 1
+                self._gauges.foreign += 1
                 return None
             receiver = self._receivers[stream] = Receiver()
         now, payload = time / 1e6, None
@@ -128,8 +123,8 @@ class CandumpReader:
             case FlowControl():
                 pass
             case None:
-                self._broken += 1
-        self._payloads += payload is not None
+                self._gauges.broken += 1
+        self._gauges.payloads += payload is not None
         return payload
 
 
