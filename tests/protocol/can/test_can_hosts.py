@@ -98,11 +98,11 @@ async def test_telemetry_that_is_the_same_for_all_can_go_out_once(channel: str) 
     where = CanAddress(interface="robotree", channel=channel, telemetry=Telemetry.BROADCAST)
     at_controller, first, second = RecordingHandlers(), RecordingHandlers(), RecordingHandlers()
     async with listening(where, at_controller) as listener, connected(where, first), connected(where, second):
-        before = listener.statistics.port.sent
+        before = listener._port.bus.statistics.sent
         for text in (b"one", b"two"):
             for recorder in at_controller:
                 recorder.link.send(text, "joints")
-        assert listener.statistics.port.sent == before + 2
+        assert listener._port.bus.statistics.sent == before + 2
         await until(lambda: first[0].data == second[0].data == b"onetwo")
 
 
@@ -116,12 +116,12 @@ async def test_a_reading_goes_out_once_although_each_link_numbers_its_frames(cha
 
     async with listening(where, speak) as listener, connected(where, first), connected(where, second):
         speakers[0].send(CommandAck(1, 0, 0, 0, 255, 190))
-        before = listener.statistics.port.sent
+        before = listener._port.bus.statistics.sent
         for moment in range(10):
             for speaker in speakers:
                 speaker.send(Gripper(moment, 0.1, 0.1, 0.0, 1), telemetry=True)
                 speaker.send(BEAT, telemetry=True)
-        assert listener.statistics.port.sent == before + 2 * 10
+        assert listener._port.bus.statistics.sent == before + 2 * 10
         speakers[1].send(NamedValueFloat(1, "asked for", 1.0), telemetry=True)
         for speaker in speakers:
             speaker.send(Statustext(6, "x" * 50, 0, 0), telemetry=True)
