@@ -34,8 +34,14 @@ if TYPE_CHECKING:
     from robotree.vr.core.bonds import Bond, Slot, Slots
 
 
-T = TypeVar("T", bound=Kind)
-K = TypeVar("K")
+if TYPE_CHECKING:
+    import typing_extensions
+
+    K = typing_extensions.TypeVar("K", bound="Kind | ChildRobot", default="ChildRobot")
+    """What a page sees of a child: its kind, or where that is only a name, any commands."""
+else:
+    K = TypeVar("K")
+
 Choice = Literal["", "free"]
 """How a child comes into a slot: a person puts it in, or the robot chooses one that is free."""
 WITHIN = "within"
@@ -64,7 +70,7 @@ def readable(value: Any) -> Any:
 class Slotted:
     """The base of slots and groups of slots: a kind, as a name or as an interface."""
 
-    def __init__(self, kind: str | type[Kind], doc: str) -> None:
+    def __init__(self, kind: str | type[object], doc: str) -> None:
         """Take the kind and what the children are for.
 
         Raises:
@@ -99,31 +105,9 @@ class Slotted:
 class Child(Slotted, Generic[K]):
     """A slot for one child, declared in the class body: `rover = Child("Rover")` or `Child(Rover)`."""
 
-    @overload
-    def __init__(
-        self: Child[ChildRobot],
-        kind: str,
-        doc: str = "",
-        *,
-        optional: bool = False,
-        returns: float = 0.0,
-        choose: Choice = "",
-        where: str = "",
-    ) -> None: ...
-    @overload
-    def __init__(
-        self: Child[T],
-        kind: type[T],
-        doc: str = "",
-        *,
-        optional: bool = False,
-        returns: float = 0.0,
-        choose: Choice = "",
-        where: str = "",
-    ) -> None: ...
     def __init__(
         self,
-        kind: Any,
+        kind: str | type[K],
         doc: str = "",
         *,
         optional: bool = False,
@@ -193,35 +177,9 @@ class Child(Slotted, Generic[K]):
 class Children(Slotted, Generic[K]):
     """An array of children of one kind: `rovers = Children("Rover", least=1, most=4)`."""
 
-    @overload
-    def __init__(
-        self: Children[ChildRobot],
-        kind: str,
-        doc: str = "",
-        *,
-        least: int = 1,
-        most: int | None = None,
-        count: int = 0,
-        choose: Choice = "",
-        where: str = "",
-        returns: float = 0.0,
-    ) -> None: ...
-    @overload
-    def __init__(
-        self: Children[T],
-        kind: type[T],
-        doc: str = "",
-        *,
-        least: int = 1,
-        most: int | None = None,
-        count: int = 0,
-        choose: Choice = "",
-        where: str = "",
-        returns: float = 0.0,
-    ) -> None: ...
     def __init__(
         self,
-        kind: Any,
+        kind: str | type[K],
         doc: str = "",
         *,
         least: int = 1,
