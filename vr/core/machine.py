@@ -42,25 +42,6 @@ from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, GrantedLease, Lease, Slots
 from robotree.vr.core.control import RobotControl, operator_of
-from robotree.vr.core.events import (
-    AskPart,
-    Begin,
-    ChildGone,
-    CoreEffect,
-    CoreEvent,
-    Decided,
-    Ended,
-    FieldsChanged,
-    Interrupt,
-    LeaseChanged,
-    LeaseEnded,
-    LeaseGranted,
-    PauseChanged,
-    RenewLease,
-    Settled,
-    StopSettled,
-    StopTaken,
-)
 from robotree.vr.core.pause import PauseState
 from robotree.vr.core.placement import Placing
 from robotree.vr.core.stop import HARDWARE, Stop
@@ -80,7 +61,7 @@ UNATTENDED = "nobody has held a key for 2 s"
 MOST_CALLERS = 256
 """Callers that number their calls and are remembered."""
 
-Effects = list[CoreEffect]
+Effects = list[on.CoreEffect]
 
 
 class Lap(msgspec.Struct, frozen=True):
@@ -176,7 +157,7 @@ class Calls(msgspec.Struct, kw_only=True):
     """Keys of those that wait, the next one first."""
     readers: int = 0
     """How many run that only read."""
-    ended: dict[str, Ended] = {}
+    ended: dict[str, on.Ended] = {}
     cancelled: dict[str, str] = {}
     """Keys of calls that have not come and must not begin, with the reason."""
     lowest: dict[str, int] = {}
@@ -192,7 +173,7 @@ class Calls(msgspec.Struct, kw_only=True):
 
     def known(
         self, robot: str, key: str, command: str, sent: dict[str, Any], by: str = ""
-    ) -> AcceptedCall | Ended | None:
+    ) -> AcceptedCall | on.Ended | None:
         """Return the call of a key that came before, live or ended; None when the key is new.
 
         Raises:
@@ -249,7 +230,7 @@ class Calls(msgspec.Struct, kw_only=True):
 
     # -- going ------------------------------------------------------------------------------------
 
-    def leave(self, ended: Ended) -> str:
+    def leave(self, ended: on.Ended) -> str:
         """Note how a live call ended.
 
         Returns:
@@ -392,7 +373,7 @@ class RobotCore:
         self.due = self._due()
         """[s] when `Tick` will change something if nothing else does before."""
 
-    def handle(self, event: CoreEvent, now: float) -> Effects:
+    def handle(self, event: on.CoreEvent, now: float) -> Effects:
         """Change the state; return what is to be done, in this order.
 
         Args:
@@ -433,8 +414,8 @@ class RobotCore:
         if asked.source and calls.late(asked.source, asked.number):
             raise CommandCancelled(robot=name, command=asked.command, reason="its caller has given it up")
         known = calls.known(name, asked.key, asked.command, asked.arguments, event.principal.agent)
-        if isinstance(known, Ended):
-            return [Settled(key=asked.key, reply=known.reply)]
+        if isinstance(known, on.Ended):
+            return [on.Settled(key=asked.key, reply=known.reply)]
         if known is not None:
             return []
         if not event.reads:
@@ -470,7 +451,7 @@ class RobotCore:
             self.state.lease.used()
         if asked.source:
             calls.settle_below(asked.source, asked.lowest)
-        return [Begin(key=asked.key)] if begins else []
+        return [on.Begin(key=asked.key)] if begins else []
 
     def _expect_free_to_move(self, event: on.Invoke) -> None:
         """Refuse what moves while something forbids it.
@@ -506,7 +487,7 @@ class RobotCore:
     def _settle(self, call: AcceptedCall, reply: Returned | Raised, now: float) -> Effects:
         if call.cause is not None and isinstance(reply, Raised):
             reply = call.cause
-        ended = Ended(
+        ended = on.Ended(
             call.key,
             call.command,
             call.sent,
@@ -520,10 +501,10 @@ class RobotCore:
             now,
         )
         following = self.state.calls.leave(ended)
-        effects: Effects = [Settled(key=call.key, reply=reply, call=ended)]
+        effects: Effects = [on.Settled(key=call.key, reply=reply, call=ended)]
         if following:
             self.state.calls.live[following].fields = dict(self.state.fields)
-            effects.append(Begin(key=following))
+            effects.append(on.Begin(key=following))
         return effects
 
     def _step_taken(self, event: on.StepTaken, _: float) -> Effects:
@@ -550,7 +531,7 @@ class RobotCore:
     def _doubt(self, event: on.DoubtRaised, _: float) -> Effects:
         if call := self.state.calls.live.get(event.key):
             call.doubt = event.question
-        return [FieldsChanged()]
+        return [on.FieldsChanged()]
 
     def _decide(self, event: on.DoubtSettled, now: float) -> Effects:
         self.state.lease.check(event.epoch, now, event.principal)
@@ -559,7 +540,7 @@ class RobotCore:
         if asking is None:
             raise NothingAsked(robot=self.name)
         asking.doubt = ""
-        return [Decided(key=asking.key, answer=event.answer), FieldsChanged()]
+        return [on.Decided(key=asking.key, answer=event.answer), on.FieldsChanged()]
 
     def _cancel(self, event: on.CancelAsked, now: float) -> Effects:
         call = self._call_of(event, now)
@@ -640,7 +621,7 @@ class RobotCore:
         if not call.running:
             return self._settle(call, raised, now)
         call.cause, call.final = call.cause or raised, final
-        return [Interrupt(key=call.key, cause=raised, final=final)]
+        return [on.Interrupt(key=call.key, cause=raised, final=final)]
 
     def _cancel_all(self, event: on.CancelAll, now: float) -> Effects:
         detached = any(call.detached for call in self.state.calls.live.values())
@@ -777,7 +758,7 @@ class RobotCore:
         self.state.lease.promise(event.waits, event.life)
         return [
             self._granted(),
-            LeaseChanged(),
+            on.LeaseChanged(),
             *self._keep_bonds(now, all_of_them=True),
             *self._end_all(f"{parent.name} has enslaved {self.name}", now, but_readers=True),
         ]
@@ -792,7 +773,7 @@ class RobotCore:
         return "it is stopped" if self.state.stop.in_force else ""
 
     def _parent_away(self, event: on.ParentAway, now: float) -> Effects:
-        return [LeaseChanged()] if self.state.lease.wait_for(event.parent, now) else []
+        return [on.LeaseChanged()] if self.state.lease.wait_for(event.parent, now) else []
 
     def _prolong(self, event: on.Prolong, now: float) -> Effects:
         before = self.state.lease.current
@@ -812,14 +793,14 @@ class RobotCore:
             before is None or before.away or (before.parent, before.lineage) != (lease.parent, lease.lineage)
         )
         pauses = self.state.pause.hear(event.paused, event.pauses)
-        news: Effects = [LeaseChanged()] if changed else []
-        news += [PauseChanged()] if pauses else []
+        news: Effects = [on.LeaseChanged()] if changed else []
+        news += [on.PauseChanged()] if pauses else []
         news += self._keep_bonds(now, all_of_them=True) if news else []
         return [self._granted(), *news]
 
-    def _granted(self) -> LeaseGranted:
+    def _granted(self) -> on.LeaseGranted:
         lease, slots = self.state.lease, self.state.slots
-        return LeaseGranted(
+        return on.LeaseGranted(
             epoch=lease.epoch,
             term=lease.term_granted,
             depth=slots.depth,
@@ -841,9 +822,9 @@ class RobotCore:
     def _freed(self, lease: Lease, reason: str, now: float) -> Effects:
         parent, slot = lease.parent, lease.slot
         ended = self._end_all(f"the bond with {parent.name}.{slot} is over: {reason}", now)
-        changed = [PauseChanged()] if self.state.pause.leave_parent() else []
+        changed = [on.PauseChanged()] if self.state.pause.leave_parent() else []
         renewals = self._keep_bonds(now, all_of_them=True)
-        return [*ended, LeaseEnded(parent=parent, slot=slot, reason=reason), *changed, *renewals]
+        return [*ended, on.LeaseEnded(parent=parent, slot=slot, reason=reason), *changed, *renewals]
 
     def _obeyed(self, event: on.Obeyed, _: float) -> Effects:
         self.state.lease.note_obeyed(event.epoch)
@@ -866,22 +847,22 @@ class RobotCore:
 
     def _free(self, event: on.FreeAsked, _: float) -> Effects:
         bond = self.state.slots.free(event.slot)
-        return [ChildGone(slot=event.slot, child=bond.child, reason="")]
+        return [on.ChildGone(slot=event.slot, child=bond.child, reason="")]
 
     def _watching(self, event: on.Watching, _: float) -> Effects:
         before = self.state.slots.watch(event.slot, event.robot)
         if before is None or before == event.robot:
             return []
-        return [ChildGone(slot=event.slot, child=before, reason="")]
+        return [on.ChildGone(slot=event.slot, child=before, reason="")]
 
     def _watch_ended(self, event: on.WatchEnded, _: float) -> Effects:
         robot = self.state.slots.unwatch(event.slot)
-        return [ChildGone(slot=event.slot, child=robot, reason="")]
+        return [on.ChildGone(slot=event.slot, child=robot, reason="")]
 
     def _lose(self, event: on.Lose, _: float) -> Effects:
         if not self.state.slots.lose(event.slot, event.child, event.epoch, event.reason):
             return []
-        return [ChildGone(slot=event.slot, child=event.child, reason=event.reason, epoch=event.epoch)]
+        return [on.ChildGone(slot=event.slot, child=event.child, reason=event.reason, epoch=event.epoch)]
 
     def _keep_bonds(self, now: float, *, all_of_them: bool = False) -> Effects:
         """Renew what is due, and lose the children who have not answered in time.
@@ -929,32 +910,32 @@ class RobotCore:
             self.state.lease.check(event.epoch, now, event.principal)
             self.state.control.expect(self.name, event.principal)
         self.state.fields.update(event.values)
-        return [FieldsChanged()]
+        return [on.FieldsChanged()]
 
     def _reload(self, event: on.PageReloaded, _: float) -> Effects:
         state = self.state
         state.slots.revise(event.slots)
         state.fields.clear()  # the same object: running readers of the old page look into it
         state.fields.update(event.fields)
-        return [FieldsChanged()]
+        return [on.FieldsChanged()]
 
     # -- stops ------------------------------------------------------------------------------------
 
     def _safe_stop(self, event: on.StopAsked, now: float) -> Effects:
         stop = self.state.stop
         if generation := stop.known(event.order):
-            taken = StopTaken(generation=generation, fresh=False, reply=stop.reply(generation))
+            taken = on.StopTaken(generation=generation, fresh=False, reply=stop.reply(generation))
             return [taken, *self._ask_parts(generation, event)]
         children = {slot: bond.child.name for slot, bond in self.state.slots.bonds().items()}
         generation = stop.begin(event.reason, event.order, {HARDWARE: self.name, **children}, now)
         self.state.lease.note_stop(generation)
-        taken = StopTaken(generation=generation, fresh=True, reply=stop.reply(generation))
+        taken = on.StopTaken(generation=generation, fresh=True, reply=stop.reply(generation))
         return [taken, *self._end_all(event.reason, now), *self._ask_parts(generation, event)]
 
     def _ask_parts(self, generation: int, order: on.StopAsked) -> Effects:
         """Ask those that have not answered a stop."""
         return [
-            AskPart(
+            on.AskPart(
                 generation=generation,
                 part=part,
                 reason=order.reason,
@@ -978,7 +959,7 @@ class RobotCore:
             raise NotPaused(robot=self.name)
         if event.step:
             self.state.pause.pass_one(event.step)
-        return [PauseChanged()]
+        return [on.PauseChanged()]
 
     def _continue(self, event: on.ContinueAsked, now: float) -> Effects:
         self.state.lease.check(None, now, event.principal)
@@ -988,7 +969,7 @@ class RobotCore:
 
     def _pause_changed(self, now: float) -> Effects:
         """Have those look again that wait, and have the children hear of it at once."""
-        return [PauseChanged(), *self._keep_bonds(now, all_of_them=True)]
+        return [on.PauseChanged(), *self._keep_bonds(now, all_of_them=True)]
 
     def _place(self, event: on.PlacingSet, _: float) -> Effects:
         self.state.placing = event.placing
@@ -1002,7 +983,7 @@ class RobotCore:
         calls.abandoned, calls.places = {}, {}  # that code has ended with its process
         for call in calls.live.values():
             call.doubt = ""  # it asks again
-        effects: Effects = [Begin(key=key) for key in event.calls if key in calls.live]
+        effects: Effects = [on.Begin(key=key) for key in event.calls if key in calls.live]
         for generation in stop.parts if stop.reason else ():  # what is released is not to be stopped again
             order = on.StopAsked(reason=stop.reason, order=orders.get(generation, ""))
             effects += self._ask_parts(generation, order)
@@ -1014,7 +995,7 @@ class RobotCore:
 
     def _stop_answered(self, event: on.StopAnswered, _: float) -> Effects:
         reply = self.state.stop.take(event.generation, event.part, event.answer)
-        return [] if reply is None else [StopSettled(generation=event.generation, reply=reply)]
+        return [] if reply is None else [on.StopSettled(generation=event.generation, reply=reply)]
 
     def _release(self, event: on.ReleaseAsked, _: float) -> Effects:
         stop = self.state.stop
@@ -1074,6 +1055,6 @@ def _of_laps(call: AcceptedCall) -> dict[str, on.StepResult]:
     return {path: step for path, step in call.steps.items() if lap_of(path) in numbers}
 
 
-def _renew(slot: str, bond: Bond, now: float) -> RenewLease:
+def _renew(slot: str, bond: Bond, now: float) -> on.RenewLease:
     bond.lease.asked(now)
-    return RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=now)
+    return on.RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=now)
