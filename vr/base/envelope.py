@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from robotree.vr.base import requests as req
 from robotree.vr.base.address import user_of
 from robotree.vr.base.errors import Garbled, NoAnswer, NotAllowed
 from robotree.vr.base.permissions import Permissions
@@ -38,59 +39,41 @@ from robotree.vr.base.principal import (
     this_process,
     vouched,
 )
-from robotree.vr.base.requests import (
-    AcquireFence,
-    AnyRequest,
-    Attend,
-    Call,
-    Cancel,
-    CancelOrder,
-    CloseTransaction,
-    ConfirmOrder,
-    Continue,
-    Create,
-    Decide,
-    Delete,
-    Disturb,
-    Drain,
-    Enslave,
-    FindEntries,
-    Free,
-    GiveUp,
-    HoldOrders,
-    LeaveOrder,
-    Migrate,
-    OpenTransaction,
-    Pause,
-    Release,
-    ReleaseHolds,
-    Reload,
-    Resume,
-    Retract,
-    RobotDeleted,
-    RollBack,
-    SafeStop,
-    SetControl,
-    SetPlacement,
-    TakeAlong,
-    TakeOrder,
-    TakeStep,
-    WriteEntry,
-)
 
 FRESH = 3.0
 """[s] after which a request that begins something has expired at the latest: longer than a slow way takes,
 and longer than it takes to see that a process hangs, so that an asker who gives up has little to wait."""
 
 BEGINS = (
-    *(Call, Attend, SetControl, Decide, Resume, Enslave, Free, Delete, Create, Reload),
-    *(Pause, TakeStep, Continue, Migrate, Drain, SetPlacement, Disturb),
-    *(WriteEntry, FindEntries, OpenTransaction, CloseTransaction, AcquireFence),
-    *(LeaveOrder, ConfirmOrder, TakeOrder, TakeAlong, ReleaseHolds),
+    *(
+        req.Call,
+        req.Attend,
+        req.SetControl,
+        req.Decide,
+        req.Resume,
+        req.Enslave,
+        req.Free,
+        req.Delete,
+        req.Create,
+        req.Reload,
+    ),
+    *(req.Pause, req.TakeStep, req.Continue, req.Migrate, req.Drain, req.SetPlacement, req.Disturb),
+    *(req.WriteEntry, req.FindEntries, req.OpenTransaction, req.CloseTransaction, req.AcquireFence),
+    *(req.LeaveOrder, req.ConfirmOrder, req.TakeOrder, req.TakeAlong, req.ReleaseHolds),
 )
 """Requests that begin something: they must not begin after their asker gave up."""
 
-ENDS = (SafeStop, Cancel, Release, Retract, GiveUp, RollBack, CancelOrder, HoldOrders, RobotDeleted)
+ENDS = (
+    req.SafeStop,
+    req.Cancel,
+    req.Release,
+    req.Retract,
+    req.GiveUp,
+    req.RollBack,
+    req.CancelOrder,
+    req.HoldOrders,
+    req.RobotDeleted,
+)
 """Requests that end something: they are carried out however late they come.
 
 All others only ask or prolong. `Detach` is one of these: it lets a motion go on without the one who has begun
@@ -113,7 +96,7 @@ _simulated = ""
 class Envelope(msgspec.Struct, frozen=True, array_like=True):
     """A request with who asks and until when it may begin."""
 
-    request: AnyRequest
+    request: req.AnyRequest
     sender: str
     """Key under which the asker is present; empty: it is present under none."""
     asked: float
@@ -142,7 +125,7 @@ class Sealed(NamedTuple):
 class Received(NamedTuple):
     """A request that has arrived."""
 
-    request: AnyRequest
+    request: req.AnyRequest
     principal: Principal
     asked: float
     """[s] on the clock of this process: when it was asked, or, from another machine, when it arrived."""
@@ -170,7 +153,7 @@ _decoder: msgspec.msgpack.Decoder[Envelope] = msgspec.msgpack.Decoder(Envelope)
 
 
 def seal(
-    request: AnyRequest, *, now: float, within: float, sender: str = "", may: Permissions | None = None
+    request: req.AnyRequest, *, now: float, within: float, sender: str = "", may: Permissions | None = None
 ) -> Sealed:
     """Put a request into its envelope.
 
@@ -189,7 +172,7 @@ def seal(
     return Sealed(body, now + holds if begins or ends else 0.0)
 
 
-def resealed(envelope: Envelope, request: AnyRequest, *, sender: str) -> bytes:
+def resealed(envelope: Envelope, request: req.AnyRequest, *, sender: str) -> bytes:
     """Return an envelope with another request, of another sender, who asks for the first one."""
     return _encode(msgspec.structs.replace(envelope, request=request, sender=sender, may=None))
 

@@ -19,89 +19,16 @@ from typing import Final, NamedTuple, NoReturn
 
 import msgspec
 
+from robotree.vr.base import requests as req
 from robotree.vr.base.address import user_of
 from robotree.vr.base.errors import Denied, NotAllowed, NotPermitted
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.permit import PermittedCall
 from robotree.vr.base.policy import ASK, BY_NAME, OPEN, REALM, STOP, Person, PolicyGate, PolicyTarget
 from robotree.vr.base.principal import ITSELF, Principal, user_name
-from robotree.vr.base.requests import (
-    AcquireFence,
-    AnyRequest,
-    AskMove,
-    Attend,
-    Call,
-    Cancel,
-    CancelOrder,
-    CloseTransaction,
-    ConfirmOrder,
-    Continue,
-    Create,
-    Decide,
-    Delete,
-    Describe,
-    DescribeGateway,
-    DescribeHost,
-    DescribeSpace,
-    DescribeView,
-    Detach,
-    Disturb,
-    Drain,
-    Enslave,
-    EventsRead,
-    FetchOrders,
-    FindEntries,
-    Found,
-    Free,
-    GiveUp,
-    History,
-    HoldOrders,
-    HostDescribed,
-    KnownFound,
-    LeaveOrder,
-    Look,
-    MarkSeen,
-    Migrate,
-    OpenTransaction,
-    OrdersFound,
-    Pause,
-    Petition,
-    PrepareMove,
-    Query,
-    ReadBundle,
-    ReadEvents,
-    ReadHistory,
-    ReadKnown,
-    ReadLog,
-    ReadOrders,
-    Register,
-    Release,
-    ReleaseHolds,
-    Reload,
-    Renew,
-    RenewEntry,
-    RenewFence,
-    Reply,
-    Resume,
-    Retract,
-    RobotDeleted,
-    RollBack,
-    SafeStop,
-    SetControl,
-    SetPlacement,
-    ShareRecords,
-    TakeAlong,
-    TakeOrder,
-    TakeRobot,
-    TakeStep,
-    TellOrders,
-    VerifyEvents,
-    WatchEntries,
-    WriteEntry,
-)
 from robotree.vr.core.machine import RobotState
 
-OF_LEASES = (Petition, Retract, Renew, Release)
+OF_LEASES = (req.Petition, req.Retract, req.Renew, req.Release)
 """Requests in the name of a parent: whether they are allowed depends on the state of the robot."""
 
 MEMBER: Final = "member"
@@ -115,28 +42,29 @@ AGENTS: Final = "agents"
 """Instead of a right: robots, hosts and directories ask it of each other. They are believed
 in what they say of others, so those of another user or site must be allowed to administrate the realm."""
 
-NEEDS: Final[Mapping[type[AnyRequest], str]] = {
-    SafeStop: STOP,
-    Describe: "see", ReadLog: "see", DescribeView: "see", Look: "see", DescribeSpace: "see",
-    WatchEntries: "see",
-    DescribeHost: MEMBER, ReadHistory: MEMBER, ReadEvents: MEMBER, Query: MEMBER, Register: MEMBER,
-    DescribeGateway: MEMBER,
-    VerifyEvents: "see", ReadBundle: "see",
-    Attend: ANYBODY, SetControl: "command",
-    Call: "command", Detach: "command", Cancel: "command", Decide: "command", Pause: "command",
-    TakeStep: "command", Continue: "command", Enslave: "command", Petition: "command", Renew: "command",
-    WriteEntry: "command", FindEntries: "command", RenewEntry: "command", OpenTransaction: "command",
-    CloseTransaction: "command", AcquireFence: "command", RenewFence: "command",
-    GiveUp: ANYBODY, RollBack: ANYBODY, Retract: ANYBODY,
-    Free: "release", Delete: "release", Release: "release",
-    Resume: "resume",
-    Create: "create", Reload: "create", Drain: "create",
-    LeaveOrder: MEMBER, CancelOrder: MEMBER, ConfirmOrder: MEMBER, ReadOrders: MEMBER, MarkSeen: MEMBER,
-    ReadKnown: MEMBER, TakeAlong: MEMBER, ReleaseHolds: MEMBER, HoldOrders: STOP,
-    FetchOrders: AGENTS, TakeOrder: AGENTS, TellOrders: AGENTS, RobotDeleted: AGENTS, ShareRecords: AGENTS,
-    Disturb: "command",
-    Migrate: "migrate", SetPlacement: "migrate", PrepareMove: "create", TakeRobot: "create",
-    AskMove: ANYBODY,
+NEEDS: Final[Mapping[type[req.AnyRequest], str]] = {
+    req.SafeStop: STOP, req.HoldOrders: STOP,
+    req.Describe: "see", req.ReadLog: "see", req.DescribeView: "see", req.Look: "see",
+    req.DescribeSpace: "see", req.WatchEntries: "see", req.VerifyEvents: "see", req.ReadBundle: "see",
+    req.DescribeHost: MEMBER, req.ReadHistory: MEMBER, req.ReadEvents: MEMBER, req.Query: MEMBER,
+    req.Register: MEMBER, req.DescribeGateway: MEMBER, req.LeaveOrder: MEMBER, req.CancelOrder: MEMBER,
+    req.ConfirmOrder: MEMBER, req.ReadOrders: MEMBER, req.MarkSeen: MEMBER, req.ReadKnown: MEMBER,
+    req.TakeAlong: MEMBER, req.ReleaseHolds: MEMBER,
+    req.Attend: ANYBODY, req.GiveUp: ANYBODY, req.RollBack: ANYBODY, req.Retract: ANYBODY,
+    req.AskMove: ANYBODY,
+    req.SetControl: "command", req.Call: "command", req.Detach: "command", req.Cancel: "command",
+    req.Decide: "command", req.Pause: "command", req.TakeStep: "command", req.Continue: "command",
+    req.Enslave: "command", req.Petition: "command", req.Renew: "command", req.WriteEntry: "command",
+    req.FindEntries: "command", req.RenewEntry: "command", req.OpenTransaction: "command",
+    req.CloseTransaction: "command", req.AcquireFence: "command", req.RenewFence: "command",
+    req.Disturb: "command",
+    req.Free: "release", req.Delete: "release", req.Release: "release",
+    req.Resume: "resume",
+    req.Create: "create", req.Reload: "create", req.Drain: "create", req.PrepareMove: "create",
+    req.TakeRobot: "create",
+    req.Migrate: "migrate", req.SetPlacement: "migrate",
+    req.FetchOrders: AGENTS, req.TakeOrder: AGENTS, req.TellOrders: AGENTS, req.RobotDeleted: AGENTS,
+    req.ShareRecords: AGENTS,
 }  # fmt: skip
 """The right that each request needs."""
 
@@ -168,13 +96,24 @@ ANYWHERE: Final = Here()
 
 
 OF_PEOPLE = (
-    *(Create, Reload, Enslave, Free, Delete, Decide, Resume, Pause, TakeStep, Continue),
-    *(SetPlacement, SetControl, Disturb),
+    *(
+        req.Create,
+        req.Reload,
+        req.Enslave,
+        req.Free,
+        req.Delete,
+        req.Decide,
+        req.Resume,
+        req.Pause,
+        req.TakeStep,
+        req.Continue,
+    ),
+    *(req.SetPlacement, req.SetControl, req.Disturb),
 )
 """Requests that shape the tree, or decide something: no page of somebody else makes them."""
 
 
-def expect_permitted(asker: str, may: Permissions, request: AnyRequest, kinds: Iterable[str]) -> None:
+def expect_permitted(asker: str, may: Permissions, request: req.AnyRequest, kinds: Iterable[str]) -> None:
     """Refuse a request that the manifest of the asker's page does not permit.
 
     Args:
@@ -186,14 +125,14 @@ def expect_permitted(asker: str, may: Permissions, request: AnyRequest, kinds: I
     Raises:
         NotPermitted: it may not.
     """
-    if isinstance(request, Call) and not may.may_call(kinds, request.command):
+    if isinstance(request, req.Call) and not may.may_call(kinds, request.command):
         raise NotPermitted(robot=asker, what=f"call {next(iter(kinds), '*')}.{request.command}")
     if isinstance(request, OF_PEOPLE):
         raise NotPermitted(robot=asker, what=f"ask for {type(request).__name__}")
 
 
 def authorise(
-    principal: Principal, request: AnyRequest, state: RobotState | None, here: Here = ANYWHERE
+    principal: Principal, request: req.AnyRequest, state: RobotState | None, here: Here = ANYWHERE
 ) -> None:
     """Refuse a request that its principal may not make.
 
@@ -213,17 +152,17 @@ def authorise(
         raise NotAllowed(who=principal.person or principal.user, what=type(request).__name__, reason=reason)
     if is_limited(principal, gate):
         _keep_to_policy(principal, request, state, here)
-    if isinstance(request, PrepareMove) and request.asker is not None and gate.closed:
+    if isinstance(request, req.PrepareMove) and request.asker is not None and gate.closed:
         _expect(gate, request.asker, "create", here.target())
     if not isinstance(request, OF_LEASES):
         return
     lease = None if state is None else state.lease.current
-    away = isinstance(request, Release) and lease is not None and lease.away
+    away = isinstance(request, req.Release) and lease is not None and lease.away
     if request.parent.key != principal.agent and not (away and principal.person):  # a person frees a child
         reason = f"it speaks for {request.parent.name} and is not {request.parent.name}"
         who = principal.agent or f"process {principal.process}"
         raise NotAllowed(who=who, what=type(request).__name__, reason=reason)
-    if isinstance(request, Petition) and request.asker is not None and gate.closed:
+    if isinstance(request, req.Petition) and request.asker is not None and gate.closed:
         _expect(gate, request.asker, "command", here.target())
 
 
@@ -276,7 +215,9 @@ def _is_shared(gate: PolicyGate) -> bool:
     return gate.owner is not None and gate.closed
 
 
-def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState | None, here: Here) -> None:
+def _keep_to_policy(
+    principal: Principal, request: req.AnyRequest, state: RobotState | None, here: Here
+) -> None:
     gate, asker, right = here.gate, here.gate.asker(principal), NEEDS[type(request)]
     if right == AGENTS:
         _expect(gate, asker, "administrate", PolicyTarget("", REALM))
@@ -284,37 +225,37 @@ def _keep_to_policy(principal: Principal, request: AnyRequest, state: RobotState
     if right in (STOP, ANYBODY) or _ends_its_own(principal, request, state):
         return
     if right == MEMBER:
-        if isinstance(request, Register) and (gate.policy is None or not gate.policy.names(asker)):
+        if isinstance(request, req.Register) and (gate.policy is None or not gate.policy.names(asker)):
             _refuse(gate, asker, "see", here.target())
-        if isinstance(request, Register) and gate.owner is not None and not principal.site:
+        if isinstance(request, req.Register) and gate.owner is not None and not principal.site:
             _expect_to_list_its_own(principal, request, gate.owner)
         return
     right = _right_for(request, right)
-    target = here.target(request.command if isinstance(request, Call) else "")
-    if isinstance(request, Migrate):
+    target = here.target(request.command if isinstance(request, req.Call) else "")
+    if isinstance(request, req.Migrate):
         robot = here.robot(request.robot)
         target = PolicyTarget(request.robot, "robot", () if robot is None else robot.kinds, "", gate.site)
-    if isinstance(request, Call) and asker.assistant and not gate.may(asker, right, target).allowed:
+    if isinstance(request, req.Call) and asker.assistant and not gate.may(asker, right, target).allowed:
         _expect(gate, asker, ASK, target)
         gate.expect_permit(asker, _permitted(principal, request, state, here))
         return
     _expect(gate, asker, right, target)
-    if isinstance(request, Reload):
+    if isinstance(request, req.Reload):
         _expect_to_reload(gate, asker, request.page.name, here)
 
 
-def _right_for(request: AnyRequest, right: str) -> str:
+def _right_for(request: req.AnyRequest, right: str) -> str:
     """Return the right that a request needs, whose class needs this one."""
     match request:
-        case FindEntries(take=False):
+        case req.FindEntries(take=False):
             return "see"
-        case SetControl(what="take"):
+        case req.SetControl(what="take"):
             return "take"
         case _:
             return right
 
 
-def _expect_to_list_its_own(principal: Principal, request: Register, owner: int) -> None:
+def _expect_to_list_its_own(principal: Principal, request: req.Register, owner: int) -> None:
     """In a shared realm nobody lists, or takes from a list, an agent of another user."""
     listed = [one.address.key for one in request.listings] + [one.key for one, _ in request.withdrawn]
     for key in listed:
@@ -324,7 +265,7 @@ def _expect_to_list_its_own(principal: Principal, request: Register, owner: int)
             raise NotAllowed(who=principal.user, what="Register", reason=reason)
 
 
-def _permitted(principal: Principal, call: Call, state: RobotState | None, here: Here) -> PermittedCall:
+def _permitted(principal: Principal, call: req.Call, state: RobotState | None, here: Here) -> PermittedCall:
     life = state.address.key if state is not None else ""
     stops = state.stop.generation if state is not None else -1
     believed = principal.site or here.gate.apart  # its gateway, or the host, puts it in, and nobody else
@@ -332,13 +273,13 @@ def _permitted(principal: Principal, call: Call, state: RobotState | None, here:
     return PermittedCall(call.permit, life, stops, call.command, call.arguments, call.key, vouched)
 
 
-def _ends_its_own(principal: Principal, request: AnyRequest, state: RobotState | None) -> bool:
+def _ends_its_own(principal: Principal, request: req.AnyRequest, state: RobotState | None) -> bool:
     """Whether a request only ends what its principal has begun: a call, or its own lease."""
-    if isinstance(request, Release):
+    if isinstance(request, req.Release):
         return request.parent.key == principal.agent
-    if isinstance(request, SetControl):
+    if isinstance(request, req.SetControl):
         return request.what == "leave"
-    if not isinstance(request, Cancel) or not request.key or state is None:
+    if not isinstance(request, req.Cancel) or not request.key or state is None:
         return False
     call = state.calls.live.get(request.key)
     return call is not None and call.principal == principal
@@ -370,7 +311,7 @@ _SEEN = BY_NAME["see"].roles
 # -- what an answer shows --------------------------------------------------------------------------
 
 
-def shown(reply: Reply, principal: Principal, here: Here) -> Reply:  # noqa: PLR0911 # one for each
+def shown(reply: req.Reply, principal: Principal, here: Here) -> req.Reply:  # noqa: PLR0911 # one for each
     """Return an answer without the robots that its asker may not see."""
     gate = here.gate
     if not is_limited(principal, gate):
@@ -386,7 +327,7 @@ def shown(reply: Reply, principal: Principal, here: Here) -> Reply:  # noqa: PLR
 
     replace = msgspec.structs.replace
     match reply:
-        case Found(listings=listings):
+        case req.Found(listings=listings):
             return replace(
                 reply,
                 listings=tuple(
@@ -395,26 +336,26 @@ def shown(reply: Reply, principal: Principal, here: Here) -> Reply:  # noqa: PLR
                     if sees(one[0].address.name, tuple(one[0].kinds), one[0].address.role)
                 ),
             )
-        case HostDescribed(robots=robots):
+        case req.HostDescribed(robots=robots):
             kept = tuple(one for one in robots if sees(one.name))
             names = {one.name for one in kept}
             pages = {name: page for name, page in reply.pages.items() if name in names}
             abandoned = tuple(one for one in reply.abandoned if one.partition(".")[0] in names)
             return replace(reply, robots=kept, pages=pages, abandoned=abandoned)
-        case History(lines=lines):
+        case req.History(lines=lines):
             return replace(
                 reply, lines=tuple(one for one in lines if any(sees(one.name, (), role) for role in _SEEN))
             )
-        case OrdersFound(orders=orders):
+        case req.OrdersFound(orders=orders):
             return replace(reply, orders=tuple(one for one in orders if sees(one.robot)))
-        case KnownFound(agents=agents):
+        case req.KnownFound(agents=agents):
             kept_agents = tuple(
                 one
                 for one in agents
                 if sees(one.name, () if one.robot is None else one.robot.kinds, one.role)
             )
             return replace(reply, agents=kept_agents)
-        case EventsRead(events=events):
+        case req.EventsRead(events=events):
             return replace(reply, events=tuple(one for one in events if sees(one.event.robot)))
         case _:
             return reply

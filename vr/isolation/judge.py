@@ -15,82 +15,73 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
+from robotree.vr.base import requests as req
 from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import read_envelope
 from robotree.vr.base.errors import NotAllowed, NotItsChild, VrError
 from robotree.vr.base.order import ORDER_NEWS
 from robotree.vr.base.permissions import Permissions
-from robotree.vr.base.requests import (
-    AcquireFence,
-    AnyRequest,
-    AskMove,
-    Attend,
-    Call,
-    Cancel,
-    CloseTransaction,
-    Continue,
-    Describe,
-    DescribeSpace,
-    Detach,
-    Enslave,
-    FetchOrders,
-    FindEntries,
-    GiveUp,
-    OpenTransaction,
-    Pause,
-    Petition,
-    PrepareMove,
-    Query,
-    Register,
-    Release,
-    Renew,
-    RenewEntry,
-    RenewFence,
-    Resume,
-    Retract,
-    RobotDeleted,
-    RollBack,
-    SafeStop,
-    TakeOrder,
-    TakeRobot,
-    TakeStep,
-    TellOrders,
-    WatchEntries,
-    WriteEntry,
-)
 from robotree.vr.lookup.service import NEWS_PATTERN
 
-ALLOWED: dict[str, tuple[type[AnyRequest], ...]] = {
+ALLOWED: dict[str, tuple[type[req.AnyRequest], ...]] = {
     "robot": (
-        *(Describe, Call, Attend, Detach, Cancel, Petition, Retract, Renew, Release, SafeStop),
-        *(Resume, Pause, TakeStep, Continue),
+        *(
+            req.Describe,
+            req.Call,
+            req.Attend,
+            req.Detach,
+            req.Cancel,
+            req.Petition,
+            req.Retract,
+            req.Renew,
+            req.Release,
+            req.SafeStop,
+        ),
+        *(req.Resume, req.Pause, req.TakeStep, req.Continue),
     ),
-    "lookup": (Register, Query),
-    "directory": (Register, Query, RobotDeleted, FetchOrders, TakeOrder, TellOrders),
-    "host": (PrepareMove, TakeRobot, AskMove),
+    "lookup": (req.Register, req.Query),
+    "directory": (req.Register, req.Query, req.RobotDeleted, req.FetchOrders, req.TakeOrder, req.TellOrders),
+    "host": (req.PrepareMove, req.TakeRobot, req.AskMove),
     "space": (
-        *(WriteEntry, FindEntries, GiveUp, RenewEntry, OpenTransaction, CloseTransaction, RollBack),
-        *(AcquireFence, RenewFence, WatchEntries, DescribeSpace),
+        *(
+            req.WriteEntry,
+            req.FindEntries,
+            req.GiveUp,
+            req.RenewEntry,
+            req.OpenTransaction,
+            req.CloseTransaction,
+            req.RollBack,
+        ),
+        *(req.AcquireFence, req.RenewFence, req.WatchEntries, req.DescribeSpace),
     ),
 }
 """What a robot may ask, by the role of whom it asks."""
 
-OF_PARENTS = (Petition, Retract, Renew, Release)
-OF_CHILDREN = (Call, Attend, Detach, Cancel, Pause, TakeStep, Continue, Resume)
+OF_PARENTS = (req.Petition, req.Retract, req.Renew, req.Release)
+OF_CHILDREN = (
+    req.Call,
+    req.Attend,
+    req.Detach,
+    req.Cancel,
+    req.Pause,
+    req.TakeStep,
+    req.Continue,
+    req.Resume,
+)
 """Requests to whom the robot commands."""
-OF_CALLS = (Attend, Detach, Cancel)
+OF_CALLS = (req.Attend, req.Detach, req.Cancel)
 """Requests about a call, by its key."""
 MOST_CALLED = 1024
 """Calls of robots that are no children, of which a judge knows: the newest."""
-OF_MOVES = (PrepareMove, TakeRobot, AskMove)
+OF_MOVES = (req.PrepareMove, req.TakeRobot, req.AskMove)
 """Requests by which it moves to another host: its own host makes them anew."""
-NAMELESS = (Describe, Register, Query)
+NAMELESS = (req.Describe, req.Register, req.Query)
 """Requests that may come without a sender."""
 
 
 _HEARD = (ORDER_NEWS, NEWS_PATTERN)
 """News beside those of robots: of its orders, and of who is listed, which it may ask for, too."""
-_NOTED = (Enslave.__name__.encode(), Resume.__name__.encode())
+_NOTED = (req.Enslave.__name__.encode(), req.Resume.__name__.encode())
 
 
 class Misbehaved(Exception):
@@ -123,7 +114,7 @@ class Judge:
         """Kinds of the slots for which its page chooses children, by name; None: of any."""
         self.chosen: set[str] = set()
         """Slots for which somebody has asked it to choose a child."""
-        self.resumes: dict[int, Resume] = {}
+        self.resumes: dict[int, req.Resume] = {}
         """Those that it was asked for and has not answered yet, by their numbers: these it may hand down."""
         self.permissions: tuple[Permissions | None, ...] = (permissions,)
         """Those of its page; while that is being changed, those of both."""
@@ -163,9 +154,9 @@ class Judge:
             request = read_envelope(body).request
         except VrError:
             return False
-        if isinstance(request, Resume):
+        if isinstance(request, req.Resume):
             self.resumes[number] = request
-        if not isinstance(request, Enslave):
+        if not isinstance(request, req.Enslave):
             return False
         if request.child is None:
             self.chosen.add(request.slot)
@@ -199,16 +190,16 @@ class Judge:
         if address is None or address.role != "robot":
             return False
         own = address.name in self.children and getattr(request, "epoch", 0) is not None
-        if isinstance(request, Resume) and own:
+        if isinstance(request, req.Resume) and own:
             self._expect_handed_down(request)
         if own:
             return False
-        if isinstance(request, Petition):
+        if isinstance(request, req.Petition):
             if self._may_choose(request):
                 return self._take(address.name)
         elif not isinstance(request, OF_CHILDREN):
             return False
-        elif isinstance(request, Call) and any(one is not None for one in self.permissions):
+        elif isinstance(request, req.Call) and any(one is not None for one in self.permissions):
             self._note_called(request.key, address.name)
             return False  # of whom has permissions, the robot that is asked looks at them
         elif isinstance(request, OF_CALLS) and self._called.get(request.key) == address.name:
@@ -224,13 +215,13 @@ class Judge:
         if len(self._called) > MOST_CALLED:
             del self._called[next(iter(self._called))]
 
-    def _expect_handed_down(self, request: Resume) -> None:
+    def _expect_handed_down(self, request: req.Resume) -> None:
         """Refuse a resume that is no part of what the robot was asked for: people end stops, not pages."""
         asked = (request.seen, request.given, request.clock)
         if not any((one.seen, one.given, one.clock) == asked for one in self.resumes.values()):
-            raise NotAllowed(who=self.name, what=Resume.__name__, reason="nobody has asked it to resume")
+            raise NotAllowed(who=self.name, what=req.Resume.__name__, reason="nobody has asked it to resume")
 
-    def _may_choose(self, petition: Petition) -> bool:
+    def _may_choose(self, petition: req.Petition) -> bool:
         if self.chooses is None:
             return True
         slot = petition.slot.partition("[")[0]
@@ -252,7 +243,7 @@ class Judge:
             raise Misbehaved(f"it asked {_shown(key)} in a way that cannot be read: {error}") from None
         request, what = envelope.request, type(envelope.request).__name__
         role = key.partition("/")[0]
-        operators = isinstance(request, Resume) and request.epoch is None
+        operators = isinstance(request, req.Resume) and request.epoch is None
         if operators or not isinstance(request, ALLOWED.get(role, ())):
             raise Misbehaved(f"it asked {_shown(key)} for {what}, which no robot does")
         if isinstance(request, OF_MOVES):
@@ -263,25 +254,25 @@ class Judge:
         if envelope.terminal or envelope.proof or (envelope.sender != self.key and not nameless):
             raise Misbehaved(f"it asked {_shown(key)} for {what} in the name of somebody else")
         # what binds, renews and ends is not limited by permissions, and its sender leaves them out
-        limited = isinstance(request, Call) or envelope.may is not None
+        limited = isinstance(request, req.Call) or envelope.may is not None
         if limited and envelope.may not in self.permissions and role == "robot" and not nameless:
             raise Misbehaved(f"it asked {_shown(key)} for {what} with other permissions than its page has")
         if isinstance(request, OF_PARENTS) and request.parent.key != self.key:
             raise Misbehaved(f"it asked {_shown(key)} for {what} as {_shown(request.parent.key)}")
         self._expect_own_orders(request)
-        if isinstance(request, Register) and any(one.address.key != self.key for one in request.listings):
+        if isinstance(request, req.Register) and any(one.address.key != self.key for one in request.listings):
             raise Misbehaved("it wanted to list another robot")
-        if isinstance(request, Register) and any(one.key != self.key for one, _ in request.withdrawn):
+        if isinstance(request, req.Register) and any(one.key != self.key for one, _ in request.withdrawn):
             raise Misbehaved("it wanted to take another robot out of the lookup")
 
-    def _expect_own_orders(self, request: AnyRequest) -> None:
+    def _expect_own_orders(self, request: req.AnyRequest) -> None:
         address = Address.parse(self.key)
         own = {self.identity or f"name:{self.name}", "" if address is None else address.incarnation}
-        if isinstance(request, RobotDeleted) and request.identity not in own:
+        if isinstance(request, req.RobotDeleted) and request.identity not in own:
             raise Misbehaved("it wanted another robot to be forgotten")
-        if isinstance(request, FetchOrders | TakeOrder) and request.identity not in own:
+        if isinstance(request, req.FetchOrders | req.TakeOrder) and request.identity not in own:
             raise Misbehaved("it wanted the orders of another robot")
-        if isinstance(request, TellOrders) and any(one.identity not in own for one in request.orders):
+        if isinstance(request, req.TellOrders) and any(one.identity not in own for one in request.orders):
             raise Misbehaved("it told of the orders of another robot")
 
     def expect_published(self, key: str) -> None:
