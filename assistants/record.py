@@ -7,7 +7,6 @@ What robots carried out is in their own histories as well, with the same key (`r
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping
@@ -18,7 +17,7 @@ import msgspec
 
 from robotree.assistants.budget import Budget, Limited, Use
 from robotree.assistants.marking import data_of
-from robotree.files import opened_own, private_folder, read, replace
+from robotree.files import alone, opened_own, private_folder, read, replace
 from robotree.vr.base.foreign import bounded
 
 FOLDER: Final = "assistants"
@@ -220,12 +219,8 @@ class Record:
             private_folder(self.folder.parent)
             private_folder(self.folder)
             self._made = True
-        lock = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with alone(self.folder / ".lock"):
             yield
-        finally:
-            os.close(lock)
 
 
 class _Known(NamedTuple):

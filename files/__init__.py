@@ -7,8 +7,10 @@
     private_file(path)      a file (0600) that only its owner can open, made or repaired
     own_folder(path)        a folder into which nobody else can put anything, made if need be
     replace(path, data)     a file that is the old one or the new one, whatever happens meanwhile
+    alone(path)             one after the other, among all who ask for the same
     sync_folder(path)       the names in a folder survive a loss of power, too
     overwrite(path, data)   a file of ours, or a new one; never through a link that another user made
+    database.OwnedDatabase  a SQLite file that one process owns
     named.NamedFiles        values that people name, each in a file of a folder
     forks                   what a forked child of this process must not keep open
 
@@ -17,6 +19,7 @@ The other rooms turn it into errors of their own. This room knows none of them, 
 """
 
 from robotree.files.opening import (
+    alone,
     expect_own,
     opened,
     opened_own,
@@ -30,6 +33,7 @@ from robotree.files.opening import (
 from robotree.files.private import own_folder, private_file, private_folder, shared_folder
 
 __all__ = [
+    "alone",
     "expect_own",
     "opened",
     "opened_own",

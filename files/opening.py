@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import fcntl
 import os
 import stat
+from collections.abc import Generator
 from pathlib import Path
 
 _KINDS = (
@@ -145,12 +148,13 @@ def overwrite(path: Path, data: bytes) -> None:
         file.write(data)
 
 
-def replace(path: Path, data: bytes) -> None:
+def replace(path: Path, data: bytes, mode: int | None = None) -> None:
     """Write a file so that who reads it, also after a crash, finds the old content or the new one.
 
     Args:
         path: of the file; a device or a FIFO, such as /dev/stdout, is written to.
         data: its new content.
+        mode: its permissions; None: those that it has, or that each new file of this user gets.
 
     Raises:
         OSError: it cannot be written, or another user made the link that stands there; the old one stays.
@@ -160,9 +164,11 @@ def replace(path: Path, data: bytes) -> None:
         return
     own(path)
     path = path.resolve()  # a link stays one
-    mode = path.stat().st_mode & 0o7777 if path.exists() else None
-    new = path.with_name(f".{path.name}.{os.getpid()}")
-    descriptor = _open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    makes = 0o666 if mode is None else mode
+    if mode is None and path.exists():
+        mode = path.stat().st_mode & 0o7777
+    new = path.with_name(f".{path.name}.{os.urandom(4).hex()}")
+    descriptor = _open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, makes)
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
@@ -174,6 +180,24 @@ def replace(path: Path, data: bytes) -> None:
     except BaseException:
         new.unlink(missing_ok=True)
         raise
+
+
+@contextlib.contextmanager
+def alone(path: Path) -> Generator[None]:
+    """Keep out all others who ask for the same, in any process or thread, until the block ends; it waits.
+
+    Args:
+        path: of an empty file that stands for what is kept, in a folder of ours; it is made if need be.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    lock = opened(path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(lock)
 
 
 def sync_folder(folder: Path) -> None:

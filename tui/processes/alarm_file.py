@@ -6,15 +6,12 @@ two screens see is raised once.
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
 
-from robotree.files import opened, private_folder, read, replace
+from robotree.files import alone, private_folder, read, replace
 from robotree.tui.errors import AlarmsUnusable
 from robotree.tui.seen.alarms import Alarm
 from robotree.vr.network.realms import state_home
@@ -68,7 +65,7 @@ class AlarmFile:
         try:
             private_folder(self._path.parent.parent)
             private_folder(self._path.parent)
-            with _locked(self._path.with_name(f".{FILE}.lock")):
+            with alone(self._path.with_name(f".{FILE}.lock")):
                 before = self._read(self._path) if self._path.exists() else ()
                 after = _changed(before, change)
                 if after != before:
@@ -95,13 +92,3 @@ def _changed(before: Sequence[Alarm], change: Change) -> tuple[Alarm, ...]:
     if len(by_name) > MOST:
         raise AlarmsUnusable("the alarms of this realm", f"there are {MOST} already; clear some")
     return tuple(by_name[name] for name in sorted(by_name))
-
-
-@contextlib.contextmanager
-def _locked(path: Path) -> Generator[None]:
-    lock = opened(path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(lock)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from robotree.files import replace
 from robotree.files.opening import text as text_of
 from robotree.tui import exit_codes
 from robotree.tui.errors import NoPlaceForState
@@ -18,7 +19,7 @@ from robotree.vr.base.errors import Denied, PolicyUnusable
 from robotree.vr.base.policy import BY_NAME, LONGEST, REALM, Policy, PolicyTarget, fits
 from robotree.vr.base.policy_reading import read_policy, schema
 from robotree.vr.base.principal import user_name
-from robotree.vr.network.policy_file import KEYS, POLICY, SIGNED, PolicyFile, member_of, put
+from robotree.vr.network.policy_file import KEYS, POLICY, SIGNED, PolicyFile, member_of
 from robotree.vr.network.realms import present_in, realm_folder
 from robotree.vr.network.shared import FILE, policy_of
 
@@ -150,9 +151,9 @@ def set_(line: Line, realm: str) -> int:
         raise NoPlaceForState
     text = policy.text if policy.text.endswith("\n") else f"{policy.text}\n"
     data = _signed(place.parent, text).encode()
-    put(place, data)
+    replace(place, data, 0o600)
     if gate.kept != gate.path.parent:  # shared with other users
-        put(gate.path, data, FILE)
+        replace(gate.path, data, FILE)
     answer(
         f"version {policy.version} is in force within a second, in each process of this realm",
         lambda: {"realm": realm, "version": policy.version, "path": str(place)},

@@ -16,7 +16,7 @@ from robotree.tui.terminal import answer
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import RealmUnusable
 from robotree.vr.base.principal import user_name
-from robotree.vr.network.policy_file import POLICY, put
+from robotree.vr.network.policy_file import POLICY
 from robotree.vr.network.realms import SHARED_BY, inhabited, runtime_directory, shares_of
 from robotree.vr.network.shared import GROUP, SharedRealm
 
@@ -70,7 +70,7 @@ def _share(realm: str, group: str) -> int:
     place = _kept(realm, POLICY)
     if not place.exists():
         text = FIRST_POLICY.format(realm=realm, user=user_name(os.geteuid()), group=group)
-        put(place, text.encode())
+        replace(place, text.encode(), 0o600)
     replace(_kept(realm, GROUP), f"{number}\n".encode())
     try:
         shared.prepare(number)

@@ -34,7 +34,8 @@ from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 from robotree.vr.network.rendezvous import realm_name
-from robotree.vr.orders.ledger import ORDERS, Ledger, LedgerRecords
+from robotree.vr.orders.ledger import ORDERS, Ledger
+from robotree.vr.orders.store import Records
 from robotree.vr.running.heard import listening
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Runner, runner_of
@@ -274,7 +275,7 @@ def kept_in(
 
 def _ledger_in(folder: Path | None, log: LogStore | None, stack: contextlib.AsyncExitStack) -> Ledger:
     """Open what a process knows of its robots' orders, in the database of its journal if there is one."""
-    if isinstance(log, LedgerRecords):
+    if isinstance(log, Records):
         kept = Ledger(log)
         if folder is not None and (folder / ORDERS).exists():  # it had no database before
             kept.take_over(folder / ORDERS)

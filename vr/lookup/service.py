@@ -11,7 +11,7 @@ import contextlib
 import time
 from collections.abc import Callable
 
-from robotree.vr.base.address import Address, Role, everyone
+from robotree.vr.base.address import everyone
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import AnyRequest, Found, History, Query, ReadHistory, Register, Reply, encode
 from robotree.vr.base.transport import Transport
@@ -24,9 +24,6 @@ from robotree.vr.lookup.table import SHORTEST_TERM, LookupTable, Update
 
 FILL_LIMIT = 1.0
 """[s] to wait for the others when it starts; one that hangs must not keep a newcomer from its work."""
-
-LISTED_ROLES: tuple[Role, ...] = ("robot", "view")
-
 
 NEWS_PATTERN = f"{everyone('lookup')}/news"
 """Under which lookup services publish what changes."""
@@ -67,8 +64,6 @@ class LookupService:
                 now=self._clock,
                 here=Here("lookup", self.address.name, transport.gate),
             )
-            for role in LISTED_ROLES:
-                declared.callback(transport.presence.watch(everyone(role), self._seen))
             declared.callback(self.chronicle.begin())
             await declared.keep(transport.serve(self.address.key, dispatcher.take))
             await self._fill()
@@ -96,11 +91,6 @@ class LookupService:
             case _:
                 raise not_for("lookup service", request)
 
-    def _seen(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
-        address = Address.parse(key)
-        if address is not None:
-            self._tell(self.table.see(address, there, self._clock()))
-
     def _tell(self, news: list[Update]) -> None:
         for item in news:
             with contextlib.suppress(VrError):  # the transport is closing
@@ -118,8 +108,7 @@ class LookupService:
         with contextlib.suppress(VrError):  # one of the others that is just dying, or hangs
             found = await ask(self._transport, key, Query(), Found, timeout=FILL_LIMIT)
             for listing, remaining in found.listings:
-                alive = self._transport.presence.there(listing.address.key)
-                self._tell(self.table.fill(listing, remaining, self._clock(), alive=alive))
+                self._tell(self.table.fill(listing, remaining, self._clock()))
 
     async def _sweep(self) -> None:
         while True:

@@ -1,9 +1,9 @@
-"""The table of one lookup service: listings, the leases that they depend on, and who is alive.
+"""The table of one lookup service: listings, and the leases that they depend on.
 
 Everything in it is soft state. Each process has one lease, and its listings stay as long as it renews that
-lease; a listing is shown as long as its agent is seen alive. Listings carry revisions, which only their
-process makes, and a withdrawal is a revision too: so a request that was delayed on its way never brings a
-withdrawn listing back, and several tables that learn the same things in different orders end up equal.
+lease; whether an agent lives, presence says. Listings carry revisions, which only their process makes, and a
+withdrawal is a revision too: so a request that was delayed on its way never brings a withdrawn listing back,
+and several tables that learn the same things in different orders end up equal.
 
 Pure: `now` is any monotonic clock [s] of the caller.
 """
@@ -30,8 +30,8 @@ MOST_REMEMBERED = 4096
 agents that never come back."""
 
 LOST = 0
-"""Revision in the news of a listing that ran out or whose agent is out of sight: that is only what this table
-knows. A withdrawal is news with its own revision, and holds for all tables."""
+"""Revision in the news of a listing that ran out: that is only what this table knows. A withdrawal is news
+with its own revision, and holds for all tables."""
 
 Update = Listed | Unlisted
 """The publication of one change by a lookup service."""
@@ -41,7 +41,6 @@ class _Entry(msgspec.Struct):
     listing: Listing
     holder: str
     """Of the lease on which it depends."""
-    alive: bool = True
 
 
 class _Lease(msgspec.Struct):
@@ -93,19 +92,18 @@ class LookupTable:
             if latest := self._later(listing):
                 outdated.append((listing.address, latest))
             else:
-                news += self._enter(listing, holder, now + term, alive=True)
+                news += self._enter(listing, holder, now + term)
         lease = self._leases.get(holder)
         count = 0 if lease is None else len(lease.addresses)
         return Registered(term=term, count=count, outdated=tuple(outdated)), news
 
-    def fill(self, listing: Listing, remaining: float, now: float, *, alive: bool) -> list[Update]:
+    def fill(self, listing: Listing, remaining: float, now: float) -> list[Update]:
         """Take over a listing from another table, until its process registers it here itself.
 
         Args:
             listing: as the other has it.
             remaining: [s] of its lease there.
             now: [s].
-            alive: whether its agent is seen here.
         """
         address = listing.address
         if not 0 < remaining <= LONGEST_TERM or self._later(listing):
@@ -117,7 +115,7 @@ class LookupTable:
                 lease.expires = max(lease.expires, now + remaining)
             return []
         holder = address.key if entry is None else entry.holder
-        return self._enter(listing, holder, now + remaining, alive=alive)
+        return self._enter(listing, holder, now + remaining)
 
     def withdraw(self, address: Address, revision: int, now: float) -> list[Update]:
         """Take a listing out, as its agent asks; everything up to this revision is over."""
@@ -133,16 +131,6 @@ class LookupTable:
         if len(self._withdrawals) > MOST_REMEMBERED:
             del self._withdrawals[next(iter(self._withdrawals))]
         return [Unlisted(address=address, revision=revision)]
-
-    def see(self, address: Address, alive: bool, now: float) -> list[Update]:  # noqa: FBT001 # it is a fact
-        """Take notice that an agent has come to life or died. A dead one's lease runs on, unseen."""
-        entry = self._entries.get(address)
-        if entry is None or entry.alive == alive or self._leases[entry.holder].expires <= now:
-            return []
-        entry.alive = alive
-        if alive:
-            return [Listed(listing=entry.listing)]
-        return [Unlisted(address=address, revision=LOST)]
 
     def expire(self, now: float) -> list[Update]:
         """Drop what is over."""
@@ -166,7 +154,7 @@ class LookupTable:
             (entry.listing, left)
             for entry in map(self._entries.__getitem__, addresses)
             if (left := self._leases[entry.holder].expires - now) > 0
-            if entry.alive and template.matches(entry.listing)
+            if template.matches(entry.listing)
         ]
         return tuple(sorted(found, key=lambda pair: pair[0].address))
 
@@ -180,24 +168,24 @@ class LookupTable:
             return known.revision
         return entry.listing.revision if entry and entry.listing.revision > listing.revision else 0
 
-    def _enter(self, listing: Listing, holder: str, expires: float, *, alive: bool) -> list[Update]:
+    def _enter(self, listing: Listing, holder: str, expires: float) -> list[Update]:
         """Enter a listing under a lease, which begins with it if need be."""
         address = listing.address
         before = self._entries.get(address)
-        shown = before is not None and before.alive and before.listing == listing
+        known = before is not None and before.listing == listing
         if before is None or before.holder != holder:
             self._remove(address)
             self._leases.setdefault(holder, _Lease(expires, set())).addresses.add(address)
-        self._entries[address] = _Entry(listing, holder, alive)
+        self._entries[address] = _Entry(listing, holder)
         self._names.setdefault(address.name, set()).add(address)
-        return [Listed(listing=listing)] if alive and not shown else []
+        return [] if known else [Listed(listing=listing)]
 
     def _end(self, holder: str) -> list[Update]:
         """End a lease, and all that depends on it."""
-        over = [self._entries[address] for address in sorted(self._leases[holder].addresses)]
-        for entry in over:
-            self._remove(entry.listing.address)
-        return [Unlisted(address=entry.listing.address, revision=LOST) for entry in over if entry.alive]
+        over = sorted(self._leases[holder].addresses)
+        for address in over:
+            self._remove(address)
+        return [Unlisted(address=address, revision=LOST) for address in over]
 
     def _remove(self, address: Address) -> None:
         entry = self._entries.pop(address, None)

@@ -9,8 +9,6 @@ once.
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import os
 import re
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -20,7 +18,7 @@ from typing import Any, Final
 import msgspec
 from msgspec.structs import replace as changed
 
-from robotree.files import private_folder, read, replace
+from robotree.files import alone, private_folder, read, replace
 from robotree.vr.base.errors import NoSuchPermit, PermitRefused
 from robotree.vr.base.permit import REMEMBERED, Permit, PermittedCall, is_same_call, unfit, unlike
 
@@ -203,12 +201,8 @@ class PermitFiles:
     @contextlib.contextmanager
     def _locked(self) -> Generator[None]:
         private_folder(self.folder)
-        lock = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with alone(self.folder / ".lock"):
             yield
-        finally:
-            os.close(lock)
 
 
 def _encoded(permit: Permit) -> bytes:

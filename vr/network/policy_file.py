@@ -21,7 +21,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from robotree.files.opening import read
+from robotree.files.opening import read, replace
 from robotree.vr.base.errors import PolicyUnusable, VrError
 from robotree.vr.base.permit import PermittedCall
 from robotree.vr.base.policy import LONGEST, Person, Policy, PolicyGate
@@ -144,9 +144,9 @@ class PolicyFile(PolicyGate):
         policy = checked(data, "the policy of another site", member_of(self._keys))
         if self.policy is not None and policy.version <= self.policy.version:
             return False
-        put(self.kept / POLICY, data)
+        replace(self.kept / POLICY, data, 0o600)
         if self.kept != self.path.parent:
-            put(self.path, data, 0o640)
+            replace(self.path, data, 0o640)
         self.refresh(self.due)
         return True
 
@@ -215,24 +215,3 @@ def checked(data: bytes, path: str, member: OwnMember | None) -> Policy:
     if policy.realm != member.realm:
         raise PolicyUnusable(path=path, reason=f"it is that of realm {policy.realm}")
     return policy
-
-
-def put(place: Path, data: bytes, mode: int = 0o600) -> None:
-    """Replace a file whole; it is on the disk when this returns.
-
-    Args:
-        place: of the file.
-        data: its content.
-        mode: who may read it.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    new = place.with_name(f".{place.name}.new")
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, mode)
-    with os.fdopen(file, "wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fchmod(stream.fileno(), mode)
-        os.fsync(stream.fileno())
-    new.replace(place)

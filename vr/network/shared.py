@@ -20,7 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from robotree.files import read
+from robotree.files import read, replace
 from robotree.files.private import shared_folder
 from robotree.vr.base.address import Address, user_of
 from robotree.vr.base.errors import VrError
@@ -28,7 +28,7 @@ from robotree.vr.base.os_files import LONGEST_PATH
 from robotree.vr.base.policy import BY_NAME, PolicyGate, PolicyTarget
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import Listed, decode_event
-from robotree.vr.network.policy_file import KEYS, POLICY, PolicyFile, put, state_of
+from robotree.vr.network.policy_file import KEYS, POLICY, PolicyFile, state_of
 from robotree.vr.network.realms import owner_of, process_of, realm_folder, state_home
 
 OPEN_TO_ALL: Final = 0o755
@@ -139,7 +139,7 @@ class SharedRealm:
                 if name != POLICY:
                     shared_folder(place.parent, self.owner, STATE, self._group)
                 if not place.exists() or read(place, 1 << 20) != data:
-                    put(place, data, FILE)
+                    replace(place, data, FILE)
 
 
 def sees_sample(gate: PolicyGate, clock: Callable[[], float], user: int, key: str, body: bytes) -> bool:

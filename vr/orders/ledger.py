@@ -13,9 +13,9 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import msgspec
 
@@ -23,6 +23,7 @@ from robotree.files import private_file, private_folder, read, replace
 from robotree.vr.base.chance import token
 from robotree.vr.base.errors import DirectoryUnusable, JournalError
 from robotree.vr.base.order import Order, merged
+from robotree.vr.orders.store import Records
 
 GRACE = 86400.0
 """[s] for which an order is remembered after its end: by so much clocks may differ."""
@@ -60,26 +61,8 @@ ENTRY, TOUCHED, REST = "entry", "touched", "rest"
 _TROUBLE = (OSError, sqlite3.Error, JournalError)
 
 
-@runtime_checkable
-class LedgerRecords(Protocol):
-    """Where a ledger is kept: records by kind and key. From any thread, by one at a time."""
-
-    where: str
-    """For people, without passwords."""
-
-    def records(self) -> Iterable[tuple[str, str, bytes]]:
-        """Return the kind, key and body of each."""
-        ...
-
-    def put_records(
-        self, rows: Sequence[tuple[str, str, bytes]], gone: Sequence[tuple[str, str]] = ()
-    ) -> None:
-        """Keep records, and remove others: all or none, and for good when this returns."""
-        ...
-
-
 class FileRecords:
-    """A ledger in a SQLite file. `LedgerRecords`."""
+    """A ledger in a SQLite file. `Records`."""
 
     def __init__(self, path: Path) -> None:
         """Open or make the file.
@@ -136,7 +119,7 @@ class FileRecords:
 class Ledger:
     """The orders of the robots of one process; see the module."""
 
-    def __init__(self, place: Path | LedgerRecords | None) -> None:
+    def __init__(self, place: Path | Records | None) -> None:
         """Open it, and read it.
 
         Args:
@@ -157,7 +140,7 @@ class Ledger:
         """Where each robot came to rest, by identity, as far as it says; not known while it moves."""
         self._lock = threading.Lock()
         self._file: FileRecords | None = None
-        self._records: LedgerRecords | None = None
+        self._records: Records | None = None
         if place is None:
             return
         self.where = str(place) if isinstance(place, Path) else place.where
@@ -167,7 +150,7 @@ class Ledger:
             self.close()
             raise DirectoryUnusable(where=self.where, reason=str(error)) from None
 
-    def _open(self, place: Path | LedgerRecords) -> None:
+    def _open(self, place: Path | Records) -> None:
         if isinstance(place, Path):
             self._records = self._file = FileRecords(place)
         else:

@@ -7,10 +7,8 @@ Its certificate is its own: who dials it knows the fingerprint, which comes with
 from __future__ import annotations
 
 import datetime as dt
-import fcntl
 import hashlib
 import json
-import os
 import ssl
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,7 +21,7 @@ from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import NameOID
 
-from robotree.files.opening import opened
+from robotree.files.opening import alone
 from robotree.files.private import private_folder
 from robotree.vr.base.errors import NetworkUnusable
 from robotree.vr.sites.invitations import Hub
@@ -120,13 +118,9 @@ def certificate_in(folder: Path, now: dt.datetime) -> HubCertificate:
     """
     private_folder(folder)
     found = HubCertificate(folder / "hub.pem", folder / "hub.key")
-    lock = opened(folder / ".lock", os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # of two hubs that start at once, one makes it
+    with alone(folder / ".lock"):  # of two hubs that start at once, one makes it
         if not (found.certificate.exists() and found.key.exists()):
             _make_certificate(found, now)
-    finally:
-        os.close(lock)
     return found
 
 

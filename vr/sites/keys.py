@@ -14,17 +14,16 @@ What the authority changes, one process changes at a time.
 
 from __future__ import annotations
 
-import fcntl
 import os
-from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from robotree.files.opening import opened, read, sync_folder
+from robotree.files.opening import alone, read, replace, sync_folder
 from robotree.files.private import private_folder
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import (
@@ -161,7 +160,7 @@ class RealmKeys:
     def remember(self, member: Certificate) -> None:
         """Note that a member was here."""
         site = KnownSite(member.name, member.kind, member.serial, member.ends)
-        with self._alone():
+        with alone(self.folder / ".lock"):
             known = self.sites()
             others = [one for one in known if one.name != site.name]
             older = any(one.name == site.name and one.serial > site.serial for one in known)
@@ -170,7 +169,7 @@ class RealmKeys:
 
     def forget(self, name: str) -> bool:
         """Remember a site no longer; returns whether it was known."""
-        with self._alone():
+        with alone(self.folder / ".lock"):
             before = read_sites(self.folder)
             others = [one for one in before if one.name != name]
             known = len(others) < len(before)
@@ -372,20 +371,10 @@ class RealmKeys:
         return Authority(self.realm, Ed25519PrivateKey.from_private_bytes(key))
 
     def _change(self, change: Callable[[_Members], tuple[_Members, T]]) -> T:
-        with self._alone():
+        with alone(self.folder / ".lock"):
             known, found = change(_read(self.folder / _MEMBERS, _Members) or _Members())
             write(self.folder / _MEMBERS, _json(known))
         return found
-
-    @contextmanager
-    def _alone(self) -> Generator[None]:
-        """Keep all other processes from changing the folder."""
-        lock = opened(self.folder / ".lock", os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
-        finally:
-            os.close(lock)
 
 
 def create(folder: Path, realm: str, name: str, hubs: tuple[Hub, ...], *, now: float) -> RealmKeys:
@@ -458,13 +447,7 @@ def write(path: Path, data: bytes) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    new = path.with_name(f".{path.name}.new")
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    with os.fdopen(file, "wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-    new.replace(path)
+    replace(path, data, 0o600)
     with suppress(OSError):  # some file systems cannot; the new file is in its place all the same
         sync_folder(path.parent)
 

@@ -8,17 +8,15 @@ survives: `process` (WAL, synchronous NORMAL) or `power` (FULL, one fdatasync); 
 
 from __future__ import annotations
 
-import contextlib
 import math
-import sqlite3
 import zlib
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from robotree.files import private_file
+from robotree.files.database import OwnedDatabase
 from robotree.vr.base.entry import Entry, marks_of
 from robotree.vr.base.errors import SpaceDamaged, SpaceError, SpaceFull, SpaceUnusable
 from robotree.vr.base.system import clock_shift
@@ -82,17 +80,22 @@ class SqliteStore(MemoryStore):
         self.where, self.durability = str(path), durability
         self.slow = durability == "power"  # a write that waits for no disk takes less than another thread
         self._unix, self._reserved = unix, 0
-        self._file: sqlite3.Connection | None = None
-        with self._explained():
-            self._file = self._opened(path)
-            self._full: bool | None = None
+        self._file = OwnedDatabase(
+            path,
+            _SCHEMA,
+            mark=MARK,
+            version=VERSION,
+            unusable=lambda reason: SpaceUnusable(where=self.where, reason=reason),
+            damaged=lambda reason: SpaceDamaged(where=self.where, reason=reason),
+            full=lambda _: SpaceFull(space=name, reason=f"the disk that holds {self.where} is full"),
+        )
+        self._full: bool | None = None
+        with self._file.explained():
             self._synchronise(full=durability == "power")
             self._load()
 
     def close(self) -> None:
-        file, self._file = self._file, None
-        if file is not None:
-            file.close()
+        self._file.close()
 
     # -- keeping ----------------------------------------------------------------------------------
 
@@ -101,9 +104,11 @@ class SqliteStore(MemoryStore):
         orders = self._orders() if table.changed or table.changed_fences else []
         try:
             if orders:
-                with self._explained():
+                with self._file.explained():
                     self._synchronise(full=self.durability == "power" or bool(table.changed_fences))
-                    self._carry_out(orders)
+                    with self._file.transaction():
+                        for order, values in orders:
+                            self._file.execute(order, values)
         except SpaceError:
             table.undo()
             raise
@@ -130,76 +135,17 @@ class SqliteStore(MemoryStore):
             orders.append(("UPDATE reserved SET next = ?", (self._reserved,)))
         return orders
 
-    def _carry_out(self, orders: list[tuple[str, tuple[Any, ...]]]) -> None:
-        if (file := self._file) is None:
-            raise SpaceUnusable(where=self.where, reason="it is closed")
-        if len(orders) == 1:  # a transaction of its own
-            file.execute(*orders[0])
-            return
-        file.execute("BEGIN")
-        try:
-            for order, values in orders:
-                file.execute(order, values)
-            file.execute("COMMIT")
-        except sqlite3.Error:
-            with contextlib.suppress(sqlite3.Error):
-                file.execute("ROLLBACK")
-            raise
-
     def _packed(self, row: Row, shift: float) -> tuple[Any, ...]:
         body = _encode(row.entry)
         term, expires = finite(row.expires - self._now()), finite(row.expires + shift)
         return (row.id, row.key, term, expires, body, _sum(row.id, row.key, term, expires, body))
 
     def _synchronise(self, *, full: bool) -> None:
-        if full != self._full and self._file is not None:
+        if full != self._full:
             self._full = full
             self._file.execute(f"PRAGMA synchronous={'FULL' if full else 'NORMAL'}")
 
-    # -- opening ----------------------------------------------------------------------------------
-
-    def _opened(self, path: Path) -> sqlite3.Connection:
-        try:
-            private_file(path)
-        except OSError as error:
-            raise SpaceUnusable(where=self.where, reason=error.strerror or str(error)) from None
-        file = sqlite3.connect(path, timeout=0.0, isolation_level=None, check_same_thread=False)
-        try:
-            file.execute("PRAGMA locking_mode=EXCLUSIVE")
-            file.execute("BEGIN EXCLUSIVE")  # nobody else has it from here on
-            self._expect_ours(file)
-            file.execute("COMMIT")
-            file.execute("PRAGMA journal_mode=WAL")
-            self._expect_whole(file)
-        except BaseException:
-            file.close()
-            raise
-        return file
-
-    def _expect_whole(self, file: sqlite3.Connection) -> None:
-        damage = file.execute("PRAGMA quick_check(1)").fetchone()[0]
-        if damage != "ok":
-            raise SpaceDamaged(where=self.where, reason=" ".join(str(damage).split()))
-
-    def _expect_ours(self, file: sqlite3.Connection) -> None:
-        mark, version, tables = (
-            file.execute(f"{what}").fetchone()[0]
-            for what in ("PRAGMA application_id", "PRAGMA user_version", "SELECT count(*) FROM sqlite_master")
-        )
-        if not (mark or version or tables):
-            for order in filter(str.strip, _SCHEMA.split(";")):
-                file.execute(order)
-            file.execute(f"PRAGMA application_id={MARK}")
-            file.execute(f"PRAGMA user_version={VERSION}")
-        elif mark != MARK:
-            raise SpaceUnusable(where=self.where, reason="it is a database of another program")
-        elif version != VERSION:
-            reason = f"it is of version {version}, this robotree reads version {VERSION}; use that robotree"
-            raise SpaceUnusable(where=self.where, reason=reason)
-
     def _load(self) -> None:
-        if self._file is None:
-            return
         now, unix = self._now(), self._unix()
         reserved: int = self._file.execute("SELECT next FROM reserved").fetchone()[0]
         self._reserved = reserved
@@ -213,25 +159,6 @@ class SqliteStore(MemoryStore):
             table.load(Row(id_, entry, marks_of(entry.kinds, entry.fields), key, end))
         for name, epoch, holder, term, expires in self._file.execute("SELECT * FROM fence"):
             table.fences[name] = FenceRow(epoch, holder, now + _left(term, expires, unix))
-
-    @contextlib.contextmanager
-    def _explained(self) -> Generator[None]:
-        try:
-            yield
-        except (sqlite3.Error, msgspec.MsgspecError, OverflowError) as error:
-            raise self._in_words(error) from None
-
-    def _in_words(self, error: Exception) -> SpaceError:
-        code: int = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-        if code == sqlite3.SQLITE_FULL:
-            return SpaceFull(space=self.name, reason=f"the disk that holds {self.where} is full")
-        if code in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}:
-            reason = "another process owns it, and serves it; ask that one, or end it first"
-            return SpaceUnusable(where=self.where, reason=reason)
-        if code in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
-            return SpaceDamaged(where=self.where, reason=str(error))
-        reason = f"it cannot be written or read ({error}); nothing was changed: look at its disk"
-        return SpaceUnusable(where=self.where, reason=reason)
 
 
 def _kept(row: Row | None) -> Row | None:

@@ -66,7 +66,7 @@ def test_a_larger_revision_replaces_a_smaller_one_and_never_the_other_way() -> N
     table = LookupTable()
     register(table, listing(2, doc="new"), now=0.0)
     assert register(table, listing(1, doc="late"), now=0.1) == (("arm",), [])
-    assert table.fill(listing(1), 5.0, now=0.1, alive=True) == []
+    assert table.fill(listing(1), 5.0, now=0.1) == []
     assert table.find(Template(), now=0.1)[0][0].doc == "new"
     changed = listing(3, doc="newer")
     assert register(table, changed, now=0.2) == ((), [Listed(listing=changed)])
@@ -77,7 +77,7 @@ def test_a_late_renewal_does_not_bring_back_what_was_withdrawn() -> None:
     register(table, listing(1), now=0.0)
     assert table.withdraw(ARM, 2, now=1.0) == [Unlisted(address=ARM, revision=2)]
     assert register(table, listing(1), now=1.1) == (("arm",), [])
-    assert table.fill(listing(1), 5.0, now=1.1, alive=True) == []
+    assert table.fill(listing(1), 5.0, now=1.1) == []
     assert names(table, 1.1) == []
     assert register(table, listing(3), now=1.2)[0] == (), "its agent can return"
 
@@ -107,25 +107,6 @@ def test_a_withdrawal_of_the_unknown_is_remembered_and_told() -> None:
     table = LookupTable()
     assert table.withdraw(ARM, 2, now=0.0) == [Unlisted(address=ARM, revision=2)]
     assert register(table, listing(1), now=0.1) == (("arm",), [])
-
-
-def test_the_dead_are_hidden_at_once_and_their_lease_runs_on() -> None:
-    table = LookupTable()
-    register(table, listing(), now=0.0)
-    assert table.see(ARM, False, now=1.0) == [Unlisted(address=ARM, revision=LOST)]
-    assert table.see(ARM, False, now=1.0) == []
-    assert names(table, 1.0) == []
-    assert table.see(ARM, True, now=2.0) == [Listed(listing=listing())], "back before its lease was over"
-    table.see(ARM, False, now=3.0)
-    assert table.expire(now=5.0) == [], "nobody saw it, so nobody misses it"
-    assert table.see(ARM, True, now=6.0) == [], "its lease was over"
-
-
-def test_to_register_again_is_a_sign_of_life() -> None:
-    table = LookupTable()
-    register(table, listing(), now=0.0)
-    table.see(ARM, False, now=1.0)
-    assert register(table, listing(), now=2.0) == ((), [Listed(listing=listing())])
 
 
 ROVER = Address("robot", "rover", "1")
@@ -172,12 +153,10 @@ def test_a_withdrawal_leaves_the_lease_of_the_others() -> None:
     assert names(table, 5.9) == ["rover"]
 
 
-def test_a_table_filled_from_another_shows_only_who_is_alive() -> None:
+def test_a_table_filled_from_another_has_what_remained_of_the_lease() -> None:
     table = LookupTable()
-    assert table.fill(listing(), 3.0, now=0.0, alive=False) == []
-    assert names(table, 0.0) == []
-    assert table.see(ARM, True, now=1.0) == [Listed(listing=listing())]
-    assert table.find(Template(), now=1.0) == ((listing(), 2.0),), "with what remained of the lease"
+    assert table.fill(listing(), 3.0, now=0.0) == [Listed(listing=listing())]
+    assert table.find(Template(), now=1.0) == ((listing(), 2.0),)
     assert register(table, listing(), now=1.0) == ((), []), "then its process registers it here"
     assert renew(table, now=4.0) == 1
 
@@ -194,7 +173,7 @@ def test_any_term_asked_for_is_granted_within_bounds(term: float) -> None:
 @given(remaining=st.one_of(st.just(math.nan), st.floats(max_value=0), st.floats(min_value=LONGEST_TERM + 1)))
 def test_a_lease_that_no_service_grants_is_not_taken_over(remaining: float) -> None:
     table = LookupTable()
-    assert table.fill(listing(), remaining, now=0.0, alive=True) == []
+    assert table.fill(listing(), remaining, now=0.0) == []
     assert names(table, 0.0) == []
 
 

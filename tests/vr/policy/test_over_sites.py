@@ -6,10 +6,11 @@ import asyncio
 
 import pytest
 
+from robotree.files import replace
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import BrokenScript, Denied, PolicyUnusable
 from robotree.vr.base.requests import SafeStop
-from robotree.vr.network.policy_file import SIGNED, PolicyFile, checked, member_of, put
+from robotree.vr.network.policy_file import SIGNED, PolicyFile, checked, member_of
 from tests.vr.policy.conftest import ME
 from tests.vr.sites.test_gateway import ROBOT, SiteOfTest, ask, call, hub, sites
 from tests.waiting import until
@@ -37,7 +38,7 @@ def in_force(site: SiteOfTest) -> int:
 
 
 def rule(lab: SiteOfTest, content: str) -> None:
-    put(lab.keys.folder.parent / "policy.yaml", signed(lab, content))
+    replace(lab.keys.folder.parent / "policy.yaml", signed(lab, content))
 
 
 async def test_a_policy_comes_to_each_site_and_is_kept_by_its_robots(sites: list[SiteOfTest]) -> None:
@@ -81,12 +82,12 @@ def _said(hall: SiteOfTest, heard: list[bytes]) -> bool:
 async def test_an_older_a_foreign_and_a_changed_policy_take_no_effect(sites: list[SiteOfTest]) -> None:
     lab, hall, yard = sites
     old, new = signed(lab, text(1, "see: '*'", "command: '*'")), signed(lab, text(2, "see: '*'"))
-    put(lab.keys.folder.parent / "policy.yaml", new)
+    replace(lab.keys.folder.parent / "policy.yaml", new)
     await until(lambda: all(in_force(site) == 2 for site in sites))
     changed = new.replace(b"see:", b"command:")
     for attack in (old, changed, text(3, "command: '*'").encode(), new[: len(new) // 2], b""):
         for site in sites:
-            put(site.keys.folder.parent / "policy.yaml", attack)
+            replace(site.keys.folder.parent / "policy.yaml", attack)
             assert in_force(site) == 2
         yard.gateway._showing.take_policy(attack)
     await until(lambda: in_force(hall) == 2)
@@ -99,7 +100,7 @@ async def test_a_process_that_begins_with_an_unsigned_policy_obeys_only_a_stop(
 ) -> None:
     _, hall, _ = sites
     place = hall.keys.folder.parent
-    put(place / "policy.yaml", text(1, "see: '*'").encode())
+    replace(place / "policy.yaml", text(1, "see: '*'").encode())
     gate = PolicyFile(place)
     gate.refresh(0.0)
     assert gate.policy is None

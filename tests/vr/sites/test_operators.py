@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from robotree.files import replace
 from robotree.vr.base.requests import OperatorHere, encode
-from robotree.vr.network.policy_file import put
 from robotree.vr.supervision.operators import Operators
 from tests.vr.policy.conftest import ME
 from tests.vr.policy.test_over_sites import in_force, signed, text
@@ -101,7 +101,7 @@ async def test_a_site_that_is_not_heard_is_named(sites: list[SiteOfTest]) -> Non
 
 async def test_a_policy_keeps_back_which_robot_an_operator_looks_at(sites: list[SiteOfTest]) -> None:
     lab, hall, _ = sites
-    put(lab.keys.folder.parent / "policy.yaml", signed(lab, text(1, "see: arm-2")))
+    replace(lab.keys.folder.parent / "policy.yaml", signed(lab, text(1, "see: arm-2")))
     await until(lambda: all(in_force(site) == 1 for site in sites))
     here, there = await operators_at(lab), await operators_at(hall)
     there.show("panel of arm-1", "arm-1")

@@ -72,7 +72,7 @@ def test_a_lease_goes_on_while_nobody_serves_and_no_clock_makes_it_longer(tmp_pa
 
 def test_a_second_process_is_told_who_has_the_file(tmp_path: Path) -> None:
     timed = filled(tmp_path / "s.db")
-    with pytest.raises(SpaceUnusable, match="another process owns it, and serves it; ask that one"):
+    with pytest.raises(SpaceUnusable, match="another process owns it; ask that one"):
         sqlite(tmp_path / "s.db")
     timed.store.close()
 
@@ -131,7 +131,7 @@ def test_a_database_of_another_program_or_version_is_left_alone(tmp_path: Path) 
 def test_on_a_full_disk_nothing_changes_and_afterwards_it_goes_on(tmp_path: Path) -> None:
     path = tmp_path / "s.db"
     timed = filled(path)
-    file = timed.store._file  # type: ignore[attr-defined]
+    file = timed.store._file._file  # type: ignore[attr-defined]
     pages = file.execute("PRAGMA page_count").fetchone()[0]
     file.execute(f"PRAGMA max_page_count = {pages + 5}")
     large = Entry(("Job",), {"number": 7, "note": "x" * 50_000})
