@@ -23,7 +23,7 @@ unexport PYTHONDONTWRITEBYTECODE
 SUBPACKAGES := assistants client files kinds protocol sim vr proxy testing tui
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test browser interpreters check soak interop comparison lock format clean
+.PHONY: help setup demo test browser interpreters check check-style check-types check-mypy check-imports soak interop comparison lock format clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -108,12 +108,19 @@ $(INTEROP)/.ready $(COMPARISON)/.ready: $(STAMP)
 	  $$UV pip sync --quiet --python $(@D)/bin/python --require-hashes $(filter %.lock,$^)
 	@touch $@
 
-check: $(STAMP)  ## ruff, pyright, mypy --strict, import-linter
+check: $(STAMP)  ## ruff, pyright, mypy --strict, import-linter; two at a time
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync check-types check-style check-mypy check-imports
+
+check-style check-types check-mypy check-imports: $(STAMP)
+check-style:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+check-types:
 	$(BIN)/pyright
+check-mypy:
 	$(BIN)/mypy $(addprefix -p robotree.,$(SUBPACKAGES))
-	PYTHONPATH=typings $(BIN)/lint-imports  # there the rooms are links in one folder
+check-imports:  # there the rooms are links in one folder
+	PYTHONPATH=typings $(BIN)/lint-imports
 
 format: $(STAMP)  ## let ruff format and mend
 	$(BIN)/ruff check --fix .
