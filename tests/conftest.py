@@ -46,15 +46,22 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that start real processes: they take longest. Tell a story in its order."""
+    """Tell a story in its order; put a file that starts real processes before each few of the others.
+
+    Processes are waited for, the others compute: so workers that share a core do not wait, or compute, at once.
+    The last fifth are others, so that no worker is alone with a long file at the end.
+    """
     chapters: dict[Path, list[pytest.Item]] = {}
     for item in items:
         chapters.setdefault(item.path, []).append(item)
+    waiting, computing = list[list[pytest.Item]](), list[list[pytest.Item]]()
     for chapter in chapters.values():
         if chapter[0].get_closest_marker("story"):
             chapter.sort(key=lambda item: item.reportinfo()[1] or 0)
-    order = sorted(chapters.values(), key=lambda chapter: chapter[0].get_closest_marker("e2e") is None)
-    items[:] = [item for chapter in order for item in chapter]
+        (waiting if chapter[0].get_closest_marker("e2e") else computing).append(chapter)
+    each = 0.8 * len(computing) / max(len(waiting), 1)
+    places = [*((each * number, chapter) for number, chapter in enumerate(waiting)), *enumerate(computing)]
+    items[:] = [item for _, chapter in sorted(places, key=lambda place: place[0]) for item in chapter]
 
 
 def pytest_configure(config: pytest.Config) -> None:
