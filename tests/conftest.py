@@ -48,7 +48,7 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tell a story in its order; put a file that starts real processes before each few of the others.
 
-    Processes are waited for, the others compute: so workers that share a core do not wait, or compute, at once.
+    Processes are waited for, the others compute: so workers that share a core do not all wait at once.
     The last fifth are others, so that no worker is alone with a long file at the end.
     """
     chapters: dict[Path, list[pytest.Item]] = {}
