@@ -42,11 +42,11 @@ from robotree.vr.sites.invitations import Hub, read_token, request_to_join, toke
 from robotree.vr.sites.joining import ask_authority
 from robotree.vr.sites.keys import RealmKeys, create
 from robotree.vr.sites.keys import join as join_realm_keys
-from robotree.vr.sites.pipe import MemoryHub, MemoryPipe
 from robotree.vr.sites.zenoh_pipe import ZenohPipe
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.laboratory.ground import Ground, Loopback, best
+from tests.vr.sites.site import MemoryHub, MemoryPipe
 
 BODY = bytes(200)
 CALL = Call(key="k" * 18, command="step", arguments={"x": 1.0}, epoch=1, deadline=60.0)

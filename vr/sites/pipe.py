@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-from robotree.vr.base.pattern import matches
-
 OnArrival = Callable[[str, bytes], None]
 """Takes a topic and what was published there, in any thread. Must not block."""
 
@@ -80,58 +78,3 @@ class Pipe(Protocol):
     def close(self) -> None:
         """Leave. Twice is once."""
         ...
-
-
-class MemoryHub:
-    """What joins the pipes of a test: it can lose, delay by holding back, repeat, reorder and inject."""
-
-    def __init__(self) -> None:
-        """Begin with no pipes, and deliver all."""
-        self.pipes: list[MemoryPipe] = []
-        self.on_way: Callable[[str, bytes], list[bytes]] = lambda _topic, body: [body]
-        """What becomes of a message on its way."""
-        self.up = True
-
-    def carry(self, topic: str, body: bytes) -> None:
-        """Deliver what was published."""
-        if self.up:
-            for one in self.on_way(topic, body):
-                self.inject(topic, one)
-
-    def inject(self, topic: str, body: bytes) -> None:
-        """Deliver something, whoever made it."""
-        for pipe in list(self.pipes):
-            pipe.take(topic, body)
-
-
-class MemoryPipe:
-    """A pipe to a `MemoryHub`."""
-
-    def __init__(self, hub: MemoryHub) -> None:
-        """Join the hub."""
-        self._hub = hub
-        self._subscribed: list[tuple[str, OnArrival]] = []
-        hub.pipes.append(self)
-
-    def publish(self, topic: str, body: bytes, *, to_all: bool = False) -> None:
-        del to_all  # there is one hub
-        self._hub.carry(topic, body)
-
-    def subscribe(self, pattern: str, on_message: OnArrival) -> None:
-        self._subscribed.append((pattern, on_message))
-
-    def hint(self, on_arrival: Callable[[], None]) -> None:
-        del on_arrival  # nobody arrives unheard
-
-    def state(self) -> LinkState:
-        return LinkState(self._hub.up, "memory", "" if self._hub.up else "it is cut")
-
-    def close(self) -> None:
-        if self in self._hub.pipes:
-            self._hub.pipes.remove(self)
-
-    def take(self, topic: str, body: bytes) -> None:
-        """Hand on what the hub delivers."""
-        for pattern, on_message in self._subscribed:
-            if matches(pattern, topic):
-                on_message(topic, body)

@@ -31,12 +31,11 @@ from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.network.policy_file import PolicyFile
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Threads
-from robotree.vr.sites.pipe import MemoryHub
 from tests.vr.bundle.signed import key_of
 from tests.vr.moving.stage import HEADER
 from tests.vr.moving.test_moves import LEAF, TOUR
 from tests.vr.policy.test_over_sites import rule, text
-from tests.vr.sites.test_gateway import SiteOfTest, hub, sites
+from tests.vr.sites.site import MemoryHub, SiteOfTest, hub, sites
 from tests.waiting import PATIENCE, until
 
 __all__ = ["hub", "sites"]

@@ -10,10 +10,9 @@ import pytest
 from robotree.vr.base.requests import DescribeHost, HostDescribed
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import RobotClient
-from robotree.vr.sites.pipe import MemoryHub
 from tests.vr.moving.test_between_sites import Home, homes
 from tests.vr.moving.test_moves import LEAF, TOUR
-from tests.vr.sites.test_gateway import hub, sites
+from tests.vr.sites.site import MemoryHub, hub, sites
 from tests.waiting import PATIENCE, until
 
 __all__ = ["homes", "hub", "sites"]

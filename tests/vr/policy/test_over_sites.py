@@ -12,12 +12,10 @@ from robotree.vr.base.errors import BrokenScript, Denied, PolicyUnusable
 from robotree.vr.base.requests import SafeStop
 from robotree.vr.network.policy_file import SIGNED, PolicyFile, checked, member_of
 from tests.vr.policy.conftest import ME
-from tests.vr.sites.test_gateway import ROBOT, SiteOfTest, ask, call, hub, sites
+from tests.vr.sites.site import ROBOT, SiteOfTest, ask, call, hub, sites
 from tests.waiting import until
 
 __all__ = ["hub", "sites"]
-
-pytestmark = pytest.mark.real_threads
 
 
 def text(version: int, *lines: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import random
-import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -22,50 +21,19 @@ from robotree.vr.sites.frames import SiteAsk
 from robotree.vr.sites.gateway import GREETING
 from robotree.vr.sites.handshake import Handshakes, Own
 from robotree.vr.sites.invitations import read_token, request_to_join, token_of
-from robotree.vr.sites.keys import RealmKeys, create
-from robotree.vr.sites.keys import join as join_realm_keys
-from robotree.vr.sites.pipe import MemoryHub
 from robotree.vr.sites.sealing import Lane
 from robotree.vr.world.testing import until
-from tests.vr.sites.realm import Realm
-from tests.vr.sites.test_gateway import ROBOT, SiteOfTest, ask, call
+from tests.vr.sites.realm import WALL, Realm
+from tests.vr.sites.site import ROBOT, MemoryHub, SiteOfTest, ask, call, linked
 
 MEMBERS: tuple[tuple[str, MemberKind], ...] = (("hall", "site"), ("yard", "site"), ("anna", "person"))
-
-
-def keys_of_all(place: Path) -> list[RealmKeys]:
-    """The keys of lab, where the realm was made, and of the members."""
-    now = time.time()
-    found = [create(place / "k0" / "keys", "plant", "lab", (), now=now)]
-    for number, (name, kind) in enumerate(MEMBERS, 1):
-        invitation = read_token(token_of(found[0].invite(name, kind, now=now)), now)
-        key = Realm(seed=number).key()
-        certificate = found[0].admit(request_to_join(invitation, key), now)
-        found.append(join_realm_keys(place / f"k{number}" / "keys", invitation, key, certificate, now=now))
-    return found
-
-
-@pytest.fixture
-def hub() -> MemoryHub:
-    return MemoryHub()
 
 
 @pytest.fixture
 async def sites(place: Path, hub: MemoryHub) -> AsyncIterator[dict[str, SiteOfTest]]:
     """Lab, hall with a robot, yard, and the machine of a person."""
-    found = {
-        keys.name: SiteOfTest(place / f"m-{keys.name}", hub, keys)
-        for keys in await asyncio.to_thread(keys_of_all, place)
-    }
-    for site in found.values():
-        await site.open()
-    await found["hall"].be_robot()
-    await until(
-        lambda: all(site.member.presence.there(ROBOT) for site in found.values()), "all see the robot"
-    )
-    yield found
-    for site in found.values():
-        await site.close()
+    async with linked(place, hub, *MEMBERS) as found:
+        yield {site.keys.name: site for site in found}
 
 
 class Arm(VirtualRobot):
@@ -182,7 +150,7 @@ async def test_who_has_no_key_is_counted_and_told_and_has_nothing_done(
 async def test_each_stranger_who_greets_is_refused_counted_and_told_and_has_nothing_done(
     sites: dict[str, SiteOfTest], hub: MemoryHub
 ) -> None:
-    lab, hall, now = sites["lab"], sites["hall"], time.time()
+    lab, hall, now = sites["lab"], sites["hall"], WALL
     long_ago = now - 400 * 24 * 3600
     key = Realm(seed=7).key()
     invitation = read_token(token_of(lab.keys.invite("old", "site", now=long_ago)), long_ago)

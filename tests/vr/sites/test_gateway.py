@@ -3,150 +3,31 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import AsyncIterator
-from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
 
-from robotree.vr.base.address import Address
-from robotree.vr.base.description import RobotDescription
-from robotree.vr.base.envelope import seal, sitting_at
+from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import NoAnswer, SiteSilent
 from robotree.vr.base.places import Places
-from robotree.vr.base.principal import Principal
 from robotree.vr.base.requests import (
-    Call,
-    Describe,
-    Described,
     DescribeGateway,
     Done,
     GatewayDescribed,
-    Raised,
     SafeStop,
     State,
-    decode_reply,
     encode,
 )
-from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.dispatcher import Dispatcher
-from robotree.vr.network.local import join
-from robotree.vr.network.policy_file import PolicyFile
-from robotree.vr.sites.frames import SiteStopped, StillSo
-from robotree.vr.sites.gateway import TICK, Gateway
+from robotree.vr.sites.frames import StillSo
+from robotree.vr.sites.gateway import TICK
 from robotree.vr.sites.invitations import read_token, request_to_join, token_of
-from robotree.vr.sites.keys import RealmKeys, create
-from robotree.vr.sites.keys import join as join_realm_keys
-from robotree.vr.sites.pipe import MemoryHub, MemoryPipe
+from robotree.vr.sites.keys import RealmKeys
 from robotree.vr.sites.sealing import Lane
-from tests.vr.sites.realm import Realm
+from robotree.vr.sites.site import GONE
+from tests.vr.sites.realm import WALL, Realm
+from tests.vr.sites.site import ROBOT, MemoryHub, SiteOfTest, ask, call
 from tests.waiting import until
-
-ROBOT = "robot/arm-1/1"
-
-
-class SiteOfTest:
-    """One machine: its gateway, and a member that is an agent or asks one."""
-
-    def __init__(self, place: Path, hub: MemoryHub, keys: RealmKeys) -> None:
-        self.place, self.hub, self.keys = place, hub, keys
-        self.asked: list[tuple[Any, Principal]] = []
-        self.ahead = 0.0
-        """[s] by which its clock is ahead."""
-
-    async def open(self) -> None:
-        self.place.mkdir(mode=0o700, exist_ok=True)
-        self.gate = await join("test", root=self.place)
-        self.member = await join("test", root=self.place)
-        self.gate.gate = PolicyFile(self.keys.folder.parent)
-        self.member.gate = PolicyFile(self.keys.folder.parent)
-
-        async def stop_here(order: str, reason: str) -> SiteStopped:
-            self.asked.append((SafeStop(order=order, reason=reason), Principal()))
-            return SiteStopped(0, ["arm-1"], [], [])
-
-        self.pipe = MemoryPipe(self.hub)
-        self.gateway = Gateway(
-            self.gate,
-            self.pipe,
-            self.keys,
-            ground=self.gate.mesh,
-            stop_here=stop_here,
-            version="1.2.3",
-            wall=lambda: time.time() + self.ahead,
-        )
-        await self.gateway.open()
-
-    async def be_robot(self, reply: Any = None) -> None:
-        """Answer requests to `ROBOT`, and note them."""
-        loop = asyncio.get_running_loop()
-
-        def answer(received: Any, _: Any) -> Any:
-            if isinstance(received.request, Describe):
-                address = Address("robot", "arm-1", "1")
-                return Described(robot=RobotDescription(address=address, kinds=("Arm", "Robot")))
-            self.asked.append((received.request, received.principal))
-            return reply or Done(note="moved")
-
-        here = Here("robot", "arm-1", self.member.gate, lambda: ("Arm", "Robot"))
-        dispatcher = Dispatcher("arm-1", answer, now=loop.time, here=here)
-        await self.member.serve(ROBOT, dispatcher.take)
-        await self.member.announce(ROBOT)
-
-    async def close(self) -> None:
-        await self.gateway.close()
-        await self.member.close()
-        await self.gate.close()
-
-
-async def ask(
-    site: SiteOfTest, request: Any, *, key: str = ROBOT, within: float = 3.0, sender: str = ""
-) -> Any:
-    """Ask, and return the last reply; None: there was none."""
-    sealed = seal(request, now=asyncio.get_running_loop().time(), within=within, sender=sender)
-    replies: list[bytes] = []
-    over = asyncio.Event()
-    loop = asyncio.get_running_loop()
-
-    def on_reply(body: bytes | None) -> None:
-        loop.call_soon_threadsafe(over.set if body is None else lambda: replies.append(body))
-
-    site.member.ask(key, sealed.body, void_at=sealed.void_at, on_reply=on_reply)
-    async with asyncio.timeout(15):
-        await over.wait()
-    found = decode_reply(replies[-1], key=key) if replies else None
-    return found.revive() if isinstance(found, Raised) else found
-
-
-@pytest.fixture
-def hub() -> MemoryHub:
-    return MemoryHub()
-
-
-@pytest.fixture
-async def sites(place: Path, hub: MemoryHub) -> AsyncIterator[list[SiteOfTest]]:
-    """Three sites that are linked; the robot is at the second one."""
-    now = time.time()
-    all_keys = [create(place / "k0" / "keys", "plant", "lab", (), now=now)]
-    for number, name in enumerate(("hall", "yard"), 1):
-        invitation = read_token(token_of(all_keys[0].invite(name, "site", now=now)), now)
-        key = Realm(seed=number).key()
-        certificate = all_keys[0].admit(request_to_join(invitation, key), now)
-        all_keys.append(join_realm_keys(place / f"k{number}" / "keys", invitation, key, certificate, now=now))
-    found = [SiteOfTest(place / f"m{number}", hub, keys) for number, keys in enumerate(all_keys)]
-    for site in found:
-        await site.open()
-    await found[1].be_robot()
-    await until(lambda: all(site.member.presence.there(ROBOT) for site in found))
-    yield found
-    for site in found:
-        await site.close()
-
-
-def call(key: str = "k1") -> Call:
-    return Call(key=key, command="move", deadline=5.0)
 
 
 async def test_a_request_is_answered_and_the_robot_knows_who_asked_where(sites: list[SiteOfTest]) -> None:
@@ -268,6 +149,8 @@ async def test_a_site_that_is_gone_leaves_the_lists_and_comes_back(
 ) -> None:
     lab, hall, _ = sites
     hub.up = False
+    await asyncio.sleep(GONE - 1)
+    assert lab.member.presence.there(ROBOT)
     await until(lambda: not lab.member.presence.there(ROBOT))
     hub.up = True
     await until(lambda: lab.member.presence.there(ROBOT))
@@ -362,9 +245,11 @@ async def test_the_gateway_says_how_each_site_is_and_why_one_is_not_heard(
     assert 0 <= hall.age < 2
     assert abs(hall.clock) < 1
     hub.on_way = lambda topic, body: [] if topic.endswith("/to/yard") or b"yard" in body else [body]
+    await asyncio.sleep(GONE)  # yard hears nothing of lab, and ends its session
     await until(lambda: lab.gateway.describe().sites[1].state == "silent")
     assert "has fallen silent" in lab.gateway.describe().sites[1].reason
-    await until(lambda: lab.gateway.describe().sites[1].state == "away")
+    await asyncio.sleep(GONE)
+    assert lab.gateway.describe().sites[1].state == "away"
     away = lab.gateway.describe().sites[1]
     assert "the hub is reached, and nothing comes from there" in away.reason
     assert "site yard" in away.remedy
@@ -416,8 +301,7 @@ async def test_a_site_that_was_admitted_and_never_heard_is_named_by_a_stop_of_ea
     sites: list[SiteOfTest],
 ) -> None:
     lab, hall, _ = sites
-    now = time.time()
-    invitation = read_token(token_of(lab.keys.invite("cellar", "site", now=now)), now)
+    invitation = read_token(token_of(lab.keys.invite("cellar", "site", now=WALL)), WALL)
     packed = request_to_join(invitation, Realm(seed=9).key())
     lab.pipe.publish(f"robotree/plant/authority/join/{invitation.number}", packed)
     await until(lambda: "cellar" in [one.name for one in hall.gateway.describe().sites])
@@ -433,7 +317,8 @@ async def test_a_site_that_was_revoked_while_it_was_away_is_told_so(
 ) -> None:
     lab, hall, _ = sites
     hub.on_way = lambda topic, body: [] if topic.endswith("/to/hall") else [body]
-    await until(lambda: lab.gateway.sites["hall"].stream is None)
+    await asyncio.sleep(2 * GONE)
+    assert lab.gateway.sites["hall"].stream is None
     RealmKeys(lab.keys.folder).revoke("hall")
     hub.on_way = lambda _topic, body: [body]
     await until(lambda: "was revoked" in hall.gateway.describe().out)
@@ -476,7 +361,7 @@ async def test_a_certificate_that_ends_in_a_live_session_ends_it(
         assert known.member is not None
         ends = known.member.ends
         monkeypatch.setattr(hall.keys.trust, "check", lambda *_: None)  # it goes on as if nothing were
-        lab.ahead = ends - time.time() + 1.0
+        lab.ahead = ends - lab.wall() + 1.0
         monkeypatch.setattr(lab.gateway, "_own", msgspec.structs.replace(lab.gateway._own, ends=ends + 1e6))
         lab.gateway._tick()
         assert known.stream is None

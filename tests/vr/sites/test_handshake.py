@@ -178,13 +178,13 @@ def test_garbage_is_refused_and_leaves_nothing(packed: bytes) -> None:
     assert len(plant) == 0
 
 
-def test_ten_thousand_bad_handshakes_take_no_memory() -> None:
+def test_a_flood_of_bad_handshakes_takes_no_memory() -> None:
     realm, foreign = Realm("cell", 1), Realm("cell", 2)
     plant, lab, stranger = realm.gateway("plant"), realm.own("lab"), foreign.gateway("lab")
     begun = [realm.own(f"site-{number}").certificate for number in range(100)]
     tracemalloc.start()
     before, refusals = 0, 0
-    for number in range(10_000):
+    for number in range(1_500):
         half = number.to_bytes(32, "big")
         bad = [
             pack(Greeting(half, stranger.own.certificate, b"")),
@@ -198,12 +198,12 @@ def test_ten_thousand_bad_handshakes_take_no_memory() -> None:
             assert take(plant, bad[number % 6])[1] is None
         except NotAMember:
             refusals += 1
-        if number == 2000:
+        if number == 500:
             before = tracemalloc.get_traced_memory()[0]
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
-    assert refusals > 3000
+    assert refusals > 450
     assert len(plant) <= MOST_BEGUN
-    assert grown < 300_000
+    assert grown < 10_000
     assert sum(one.peer == "lab" for one in plant._begun.values()) <= OF_ONE
     assert meet(realm.gateway("anna"), plant)[1].member.name == "anna", "and others are still admitted"

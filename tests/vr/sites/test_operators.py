@@ -9,12 +9,8 @@ from robotree.vr.base.requests import OperatorHere, encode
 from robotree.vr.supervision.operators import Operators
 from tests.vr.policy.conftest import ME
 from tests.vr.policy.test_over_sites import in_force, signed, text
-from tests.vr.sites.test_gateway import SiteOfTest, hub, sites
+from tests.vr.sites.site import SiteOfTest
 from tests.waiting import until
-
-__all__ = ["hub", "sites"]
-
-pytestmark = pytest.mark.real_threads
 
 
 async def operators_at(site: SiteOfTest) -> Operators:

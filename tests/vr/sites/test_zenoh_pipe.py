@@ -15,6 +15,8 @@ from robotree.vr.sites.invitations import Hub
 from robotree.vr.sites.zenoh_pipe import ZenohPipe
 from robotree.vr.world.testing import until
 
+pytestmark = pytest.mark.real_threads
+
 
 class Hubs:
     """Hubs on loopback that can be started again."""
