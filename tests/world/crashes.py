@@ -24,9 +24,9 @@ from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.supervision.realm_client import CALLER, RealmClient
 from robotree.vr.world.world import World
 from tests.world.keeping import MOMENTS, RETURNS, KeepingRealm
-from tests.world.machine_world import errors_kept
+from tests.world.machine_world import errors_kept, tell
 from tests.world.realm import CartProxy, lease_of
-from tests.world.story import Judge
+from tests.world.story import Judge, Judged
 
 LENGTH, BUILT, CALM, PROBE = 20.0, 2.0, 9.0, 16.0
 """[s] of a story; from when on operators call; from when on nothing goes wrong; when all must be whole."""
@@ -185,7 +185,7 @@ class KeepingJudge(Judge):
                 self.complain(f"{name} is not stopped any more, and nobody has released it")
 
 
-class CrashStory:
+class CrashStory(Judged):
     """What happens to one realm."""
 
     realm_class: type[KeepingRealm] = KeepingRealm
@@ -593,10 +593,7 @@ def play(seed: int, kind: type[CrashStory] = CrashStory) -> tuple[str, CrashStor
     logged: list[str] = []
     with World(seed) as world, errors_kept(logged):
         story = kind(seed, world)
-        try:
-            story.tell()
-        except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
-            story.judge.complain(f"raised: {type(error).__name__}: {error}")
+        tell(story)
         for line in logged:
             if "would not survive its end now" in line or "can neither be written" in line:
                 continue  # a disk was full, or read-only

@@ -7,6 +7,7 @@ import pkgutil
 from collections.abc import Callable
 from functools import cache, partial
 from types import ModuleType
+from typing import Any
 
 import robotree.vr.network
 import robotree.vr.running
@@ -48,76 +49,37 @@ def _modules_of(package: ModuleType) -> list[ModuleType]:
     return [importlib.import_module(f"{package.__name__}.{name}") for name in names]
 
 
-def _realm(seed: int) -> Played:
+def _realm(seed: int) -> tuple[str, story.Outcome]:
     outcome = story.play(seed)
-    return outcome.digest, outcome.broken
+    return outcome.digest, outcome
 
 
-def _mesh(seed: int, among: tuple[ModuleType, ...] = ()) -> Played:
-    digest, played = mesh.play(seed, among)
-    return digest, played.broken
-
-
-def _host(seed: int, among: tuple[ModuleType, ...] = ()) -> Played:
-    digest, played = host.play(seed, among)
-    return digest, played.broken
-
-
-def _disk(seed: int) -> Played:
-    digest, played = crashes.play(seed)
-    return digest, played.judge.broken
-
-
-def _moves(seed: int) -> Played:
-    digest, played = moves.play(seed)
-    return digest, played.judge.broken
-
-
-def _whole(seed: int, among: tuple[ModuleType, ...] = ()) -> Played:
-    digest, played = whole.play(seed, among)
-    return digest, played.judge.broken
-
-
-def _sites(seed: int) -> Played:
-    digest, judge = sites.play(seed)
-    return digest, judge.broken
-
-
-def _rights(seed: int) -> Played:
-    digest, judge = rights.play(seed)
-    return digest, judge.broken
-
-
-def _hands(seed: int) -> Played:
-    digest, judge = hands.play(seed)
-    return digest, judge.broken
-
-
-def _orders(seed: int) -> Played:
-    digest, played = orders.play(seed)
-    return digest, played.broken
-
-
-def _groups(seed: int) -> Played:
-    digest, played = groups.play(seed)
-    return digest, played.broken
-
-
-FAMILIES: dict[str, Callable[[int], Played]] = {
+STORIES: dict[str, Callable[[int], tuple[str, Any]]] = {
     "realm": _realm,
-    "mesh": _mesh,
-    "mesh at statements": lambda seed: _mesh(seed, network()),
-    "disk": _disk,
-    "moves": _moves,
-    "host": _host,
-    "host at statements": lambda seed: _host(seed, running()),
-    "rights": _rights,
-    "hands": _hands,
-    "orders": _orders,
-    "groups": _groups,
-    "sites": _sites,
-    "whole": _whole,
-    "whole at statements": lambda seed: _whole(seed, (*network(), *running())),
+    "mesh": mesh.play,
+    "mesh at statements": lambda seed: mesh.play(seed, network()),
+    "disk": crashes.play,
+    "moves": moves.play,
+    "host": host.play,
+    "host at statements": lambda seed: host.play(seed, running()),
+    "rights": rights.play,
+    "hands": hands.play,
+    "orders": orders.play,
+    "groups": groups.play,
+    "sites": sites.play,
+    "whole": whole.play,
+    "whole at statements": lambda seed: whole.play(seed, (*network(), *running())),
     **{f"threads of {scene}": partial(threads.play, scene) for scene in threads.SCENES},
 }
-"""Each plays the story of a seed. "At statements": threads lose the processor before any statement, too."""
+"""Each plays the story of a seed; gives the digest of its trace, and what has `broken`: the laws.
+
+"At statements": threads lose the processor before any statement, too.
+"""
+
+
+def _judged(family: str, seed: int) -> Played:
+    digest, played = STORIES[family](seed)
+    return digest, played.broken
+
+
+FAMILIES: dict[str, Callable[[int], Played]] = {family: partial(_judged, family) for family in STORIES}

@@ -19,7 +19,8 @@ from robotree.vr.core.machine import ATTENTION
 from robotree.vr.exchange.attendance import Attendance
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.world import SimulatedProcess
-from tests.world.sites import SITES, Judge, Realm, Rover, SitesWorld, Story, realm_keys
+from tests.world import sites
+from tests.world.sites import SITES, Judge, Realm, Rover, SitesWorld, Story
 
 LENGTH = 40.0
 """[s]"""
@@ -157,9 +158,5 @@ class HandsStory(Story):
 
 def play(seed: int) -> tuple[str, HandsJudge]:
     """Play the story of a seed; returns the digest of its trace, and the judge."""
-    with realm_keys() as folder, SitesWorld(seed) as world, sitting_at("pts/1"):
-        realm = HandsRealm(world, folder)
-        HandsStory(realm).plan()
-        world.run(LENGTH)
-        realm.judge.broken += world.complaints
-        return world.digest, realm.judge
+    with sitting_at("pts/1"):
+        return sites.play(seed, HandsRealm, HandsStory, LENGTH)

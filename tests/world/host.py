@@ -29,9 +29,8 @@ from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.world import SimulatedProcess, TracedCore
 from tests.world import pages
 from tests.world.laws import network_is_whole
-from tests.world.machine_world import MachineWorld
+from tests.world.machine_world import MachineWorld, play_on_machine
 from tests.world.pages import DETACHED, SOURCES
-from tests.world.points import at_every_statement
 
 LENGTH, BUILT, CALM, PROBE = 13.0, 1.5, 7.5, 11.5
 """[s] of a story; from when on operators call; from when on nothing goes wrong; when all must be whole."""
@@ -386,7 +385,6 @@ class HostStory:
         self._begin("cart", "drive", 0.1, "operator-1")
 
     def _check(self) -> None:
-        pages.on_note = None
         for label, latest in self.open.items():
             if latest < self.world.runner.now():
                 self.complain(f"{label} never ends")
@@ -415,21 +413,8 @@ class HostStory:
 
 
 def play(seed: int, among: tuple[ModuleType, ...] = ()) -> tuple[str, HostStory]:
-    """Play one seed to its end.
-
-    Args:
-        seed: of everything.
-        among: modules in which a thread can lose the processor before every statement.
-
-    Returns:
-        The digest of its trace, and the story.
-    """
-    with MachineWorld(seed) as world, at_every_statement(among, world.runner.point):
-        story = HostStory(seed, world)
-        try:
-            story.tell()
-        except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
-            story.complain(f"raised: {type(error).__name__}: {error}")
-        finally:
-            pages.on_note = None
-        return world.digest, story
+    """Play one seed to its end: see `play_on_machine`."""
+    try:
+        return play_on_machine(HostStory, seed, among)
+    finally:
+        pages.on_note = None

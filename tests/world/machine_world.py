@@ -6,13 +6,15 @@ import contextlib
 import hashlib
 import logging
 import traceback
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
-from typing import Self
+from types import ModuleType
+from typing import Protocol, Self, TypeVar
 
 from robotree.vr.network import local
 from robotree.vr.world.world import Main, SimulatedProcess, World
 from tests.world.machine import Machine, SimulatedSystem
+from tests.world.points import at_every_statement
 
 ROOT = Path("/run/realms")
 """Where the realms of a simulated machine lie."""
@@ -74,6 +76,48 @@ class MachineWorld(World):
         machine = self.machine
         whole = f"{super().digest} {machine.checksum} {machine.calls} {self.runner.preemption.count}"
         return hashlib.blake2b(whole.encode(), digest_size=16).hexdigest()
+
+
+class Told(Protocol):
+    """A story that happens, and is judged."""
+
+    def tell(self) -> None:
+        """Let it all happen."""
+        ...
+
+    def complain(self, law: str) -> None:
+        """Note that a law is broken."""
+        ...
+
+
+TheStory = TypeVar("TheStory", bound=Told)
+
+
+def tell(story: Told) -> None:
+    """Let a story happen; what it raises is a fault of the program, which its seed has found."""
+    try:
+        story.tell()
+    except Exception as error:  # noqa: BLE001 # as said above
+        story.complain(f"raised: {type(error).__name__}: {error}")
+
+
+def play_on_machine(
+    make: Callable[[int, MachineWorld], TheStory], seed: int, among: tuple[ModuleType, ...]
+) -> tuple[str, TheStory]:
+    """Play one seed of a story to its end.
+
+    Args:
+        make: the story, which takes the seed and its world.
+        seed: of everything.
+        among: modules in which a thread can lose the processor before every statement.
+
+    Returns:
+        The digest of its trace, and the story.
+    """
+    with MachineWorld(seed) as world, at_every_statement(among, world.runner.point):
+        story = make(seed, world)
+        tell(story)
+        return world.digest, story
 
 
 @contextlib.contextmanager

@@ -29,8 +29,7 @@ from tests.world.kernel import MOST_DESCRIPTORS, STANDARD, Trouble
 from tests.world.laws import network_is_whole
 from tests.world.machine import SimulatedSystem
 from tests.world.machine_sockets import SimulatedSocket
-from tests.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
-from tests.world.points import at_every_statement
+from tests.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld, play_on_machine
 
 LENGTH, CALM, PROBE = 11.0, 6.0, 10.0
 """[s] of a story; from when on nothing goes wrong any more; when each asks each."""
@@ -610,19 +609,6 @@ class MeshStory:
 
 
 def play(seed: int, among: tuple[ModuleType, ...] = ()) -> tuple[str, MeshStory]:
-    """Play one seed to its end.
-
-    Args:
-        seed: of everything.
-        among: modules in which a thread can lose the processor before every statement.
-
-    Returns:
-        The digest of its trace, and the story.
-    """
-    with MachineWorld(seed) as world, at_every_statement(among, world.runner.point):
-        story = MeshStory(seed, world, starve=AT_STATEMENTS if among else AT_CALLS)
-        try:
-            story.tell()
-        except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
-            story.complain(f"raised: {type(error).__name__}: {error}")
-        return world.digest, story
+    """Play one seed to its end: see `play_on_machine`."""
+    starve = AT_STATEMENTS if among else AT_CALLS
+    return play_on_machine(partial(MeshStory, starve=starve), seed, among)

@@ -24,7 +24,8 @@ from robotree.vr.sites.keys import RealmKeys
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.supervision.stop import StopScope
 from robotree.vr.world.world import SimulatedProcess
-from tests.world.sites import CALM, SITES, Judge, Realm, Rover, SitesWorld, Story, realm_keys
+from tests.world import sites
+from tests.world.sites import CALM, SITES, Judge, Realm, Rover, SitesWorld, Story
 
 LENGTH = 68.0
 """[s] of a story; from `CALM` on nothing goes wrong any more."""
@@ -111,12 +112,13 @@ class RightsStory(Story):
 
     realm: RightsRealm
     judge: RightsJudge
+    faults, terms = ("cut", "lossy", "hub", "gateway"), (0.5, 1.5, 6.5)
+    """No pauses: what stands still ends nothing."""
 
     def plan(self) -> None:
         at, chance = self._at, self.chance
-        self.arrive("lab", 1, EVERYTHING)
-        self.arrive("hall", 1, EVERYTHING)
-        self.arrive("yard", 1, EVERYTHING)
+        for site in SITES:
+            self.arrive(site, 1, EVERYTHING)
         for version in range(2, VERSIONS + 2):
             table = frozenset(one for one in sorted(EVERYTHING) if chance.random() < 0.6)
             when = 5.0 + (version - 2) * (CALM - 10.0) / VERSIONS
@@ -140,24 +142,6 @@ class RightsStory(Story):
         ):
             at(CALM + 12.0 + 2.0 * number, partial(self.probe, asker, site))
         at(CALM + 22.0, self.stop_all)
-
-    def fault(self) -> None:
-        """As in `sites.py`, without pauses: what stands still ends nothing."""
-        site, seconds = self.chance.choice(SITES), self.chance.choice([0.5, 1.5, 6.5])
-        kind = self.chance.choice(["cut", "lossy", "hub", "gateway"])
-        line, now, area = self.world.area.line(site), self.world.runner.now(), self.world.area
-        self.world.note(site, kind, seconds)
-        if kind == "cut":
-            line.up = False
-            self._at(now + seconds, partial(setattr, line, "up", True))
-        elif kind == "lossy":
-            line.loss, line.duplication, line.jitter = 0.2, 0.2, 0.05
-            self._at(now + seconds, partial(self._calm, site))
-        elif kind == "hub":
-            area.kill_hub()
-            self._at(now + seconds, area.start_hub)
-        else:
-            self._kill(f"{site}.gateway", seconds)
 
     def arrive(self, site: str, version: int, table: Table) -> None:
         """A version of the policy comes to a site; an older one changes nothing."""
@@ -228,9 +212,5 @@ class RightsStory(Story):
 
 def play(seed: int) -> tuple[str, RightsJudge]:
     """Play the story of a seed; returns the digest of its trace, and the judge."""
-    with realm_keys() as folder, SitesWorld(seed) as world, sitting_at("pts/1"):
-        realm = RightsRealm(world, folder)
-        RightsStory(realm).plan()
-        world.run(LENGTH)
-        realm.judge.broken += world.complaints
-        return world.digest, realm.judge
+    with sitting_at("pts/1"):
+        return sites.play(seed, RightsRealm, RightsStory, LENGTH)

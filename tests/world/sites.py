@@ -276,6 +276,13 @@ class Realm:
 class Story:
     """What happens."""
 
+    faults: tuple[str, ...] = (
+        *("cut", "cut", "lossy", "slow", "hub", "gateway"),
+        *("pause", "robot", "operator"),
+    )
+    terms: tuple[float, ...] = (0.5, 1.5, 3.0, 6.5, 9.0)
+    """[s] that a fault lasts."""
+
     def __init__(self, realm: Realm) -> None:
         self.realm, self.world, self.judge = realm, realm.world, realm.judge
         self.chance = random.Random(f"{realm.world.seed} story")
@@ -384,8 +391,7 @@ class Story:
     def fault(self) -> None:
         """Let something go wrong, for a while."""
         chance, area = self.chance, self.world.area
-        site, seconds = chance.choice(SITES), chance.choice([0.5, 1.5, 3.0, 6.5, 9.0])
-        kind = chance.choice(["cut", "cut", "lossy", "slow", "hub", "gateway", "pause", "robot", "operator"])
+        site, seconds, kind = chance.choice(SITES), chance.choice(self.terms), chance.choice(self.faults)
         line, now = area.line(site), self.world.runner.now()
         self.world.note(site, kind, seconds)
         match kind:
@@ -473,12 +479,16 @@ class Story:
             self.judge.complain(f"lists differ: {lists}")
 
 
-def play(seed: int) -> tuple[str, Judge]:
+def play(
+    seed: int,
+    realm_class: type[Realm] = Realm,
+    story_class: type[Story] = Story,
+    length: float = LENGTH,
+) -> tuple[str, Any]:
     """Play the story of a seed; returns the digest of its trace, and the judge."""
     with realm_keys() as folder, SitesWorld(seed) as world:
-        realm = Realm(world, folder)
-        story = Story(realm)
-        story.plan()
-        world.run(LENGTH)
+        realm = realm_class(world, folder)
+        story_class(realm).plan()
+        world.run(length)
         realm.judge.broken += world.complaints
         return world.digest, realm.judge

@@ -21,6 +21,7 @@ from robotree.vr.exchange.client import RobotClient
 from robotree.vr.supervision.realm_client import CALLER, RealmClient
 from robotree.vr.world.world import SimulatedProcess, World
 from tests.world.controller import CartController
+from tests.world.machine_world import tell
 from tests.world.realm import CartProxy, Realm, leaf_tickets, lease_of
 
 LENGTH = 60.0
@@ -195,7 +196,22 @@ class Judge:
                     )
 
 
-class Story:
+class Judged:
+    """A story with a judge of its own."""
+
+    judge: Judge
+
+    @property
+    def broken(self) -> list[str]:
+        """The laws that were broken; empty: none."""
+        return self.judge.broken
+
+    def complain(self, law: str) -> None:
+        """Note that a law is broken."""
+        self.judge.complain(law)
+
+
+class Story(Judged):
     """What happens to one realm."""
 
     def __init__(self, seed: int, world: World) -> None:
@@ -628,10 +644,7 @@ def play(seed: int, *, keep: bool = False, reloads: int = 0) -> Outcome:
         moments = random.Random(f"{seed} reloads")
         for _ in range(reloads):
             world.runner.at(moments.uniform(0.0, LENGTH), world.reload)
-        try:
-            story.tell()
-        except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
-            story.judge.complain(f"raised: {type(error).__name__}: {error}")
+        tell(story)
         outcome = Outcome(
             seed,
             world.digest,

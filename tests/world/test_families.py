@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.world.families import FAMILIES
+from tests.world.families import FAMILIES, STORIES
 from tests.world.many import go_on
 from tests.world.threads import SCENES
 
@@ -29,24 +31,53 @@ MANY = {
 }
 
 
-def broken(family: str, seeds: range) -> list[tuple[int, list[str]]]:
-    return [(seed, laws) for seed in seeds if (laws := FAMILIES[family](seed)[1])]
+SEEDS: dict[str, Sequence[int]] = {
+    "mesh": range(10),  # in 5 the realm's folder is lost while the disk is full
+    "mesh at statements": range(4),
+    "disk": (
+        *range(8),
+        14,  # a disk is read-only: what can neither be written nor removed is not to become untrue
+        5157,  # the next host ends, too, when its own file is written and a torn one is not yet removed
+        20249,  # a command ends at its deadline, while one of its parts waits until another has asked
+    ),
+    "moves": (*range(8), 61),  # a parent renews its lease with the process that its child is just leaving
+    "host": range(8),
+    "host at statements": range(4),
+    "rights": range(1),
+    "hands": range(2),
+    "groups": (0, 1, 4),  # in 4 a question ends by its limit
+    "sites": range(2),
+    "whole": (4,),
+    **{f"threads of {scene}": range(20) for scene in SCENES},
+}
+"""Those that are played here, besides the one of each safeguard; the first one twice."""
+LIVELY: dict[str, Callable[[list[Any]], bool]] = {
+    "mesh": lambda played: all(one.faults and one.answered > 25 for one in played),
+    "disk": lambda played: sum(one.ends for one in played) > 8 and sum(one.done for one in played) > 30,
+    "moves": lambda played: sum(one.moved for one in played) > 8,
+    "host": lambda played: all(one.deeds and one.done > 5 for one in played),
+    "rights": lambda played: all(len(one.tickets) > 10 for one in played),
+    "hands": lambda played: all(one.steps > 50 and one.told > 5 and one.tickets for one in played),
+    "groups": lambda played: (
+        all(one.reached >= 4 and one.failures >= 10 and one.counted >= 5 for one in played)
+        and any(one.ends["nobody"] for one in played)
+        and sum(one.crossed for one in played) >= 3
+    ),
+    "sites": lambda played: sum(one.begun for one in played) > 10,
+    "whole": lambda played: all(one.faults and len(one.realm.begun) > 10 for one in played),
+}
+"""Whether the stories of a family are some: robots work between the faults."""
 
 
-@pytest.mark.parametrize("family", ["mesh at statements", "host at statements"])
-def test_no_seed_breaks_a_law_though_threads_lose_the_processor_before_any_statement(family: str) -> None:
-    assert broken(family, range(8)) == []
-
-
-@pytest.mark.parametrize("scene", SCENES)
-def test_threads_that_meet_in_one_object_break_no_law(scene: str) -> None:
-    assert broken(f"threads of {scene}", range(40)) == []
-
-
-def test_a_seed_gives_one_scene() -> None:
-    for scene in SCENES:
-        play = FAMILIES[f"threads of {scene}"]
-        assert play(3) == play(3)
+@pytest.mark.parametrize("family", SEEDS)
+def test_no_seed_breaks_a_law_and_each_gives_one_trace(family: str, caplog: pytest.LogCaptureFixture) -> None:
+    """Nothing is logged as an error, either: a robot that a person commands publishes its state."""
+    play, seeds = STORIES[family], SEEDS[family]
+    played = {seed: play(seed) for seed in seeds}
+    assert {seed: story.broken for seed, (_, story) in played.items() if story.broken} == {}
+    assert LIVELY.get(family, bool)([story for _, story in played.values()])
+    assert play(seeds[0])[0] == played[seeds[0]][0]
+    assert not [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
 
 
 def test_each_family_is_played_by_the_soak() -> None:
@@ -57,7 +88,7 @@ def test_each_family_is_played_by_the_soak() -> None:
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("family", MANY)
 def test_none_of_many_seeds_breaks_a_law(family: str) -> None:
-    assert broken(family, range(MANY[family])) == []
+    assert [(seed, laws) for seed in range(MANY[family]) if (laws := FAMILIES[family](seed)[1])] == []
 
 
 def test_a_night_goes_on_behind_the_last_seed_and_a_bad_seed_is_one_line(

@@ -71,6 +71,8 @@ class Stage:
         self.process = VirtualProcess(runner, "process")
         self.system = Machine(runner, seed).boot(self.process)
         self.undo = contextlib.ExitStack()
+        self.broken: list[str] = []
+        """What is wrong."""
 
     def change(self, module: ModuleType, name: str, value: object) -> None:
         """Give something of a module another value until the scene ends."""
@@ -350,15 +352,23 @@ class _Book:
         return Core(state)
 
 
+def _state(stage: Stage) -> RobotState:
+    """Return the state of a robot that has just been made."""
+    return RobotState(
+        address=Address("robot", "a", "1"),
+        home="host",
+        lease=GrantedLease.free("a", term=5.0, unix=stage.process.unix()),
+        slots=Slots("a"),
+        calls=Calls(),
+        stop=Stop(),
+    )
+
+
 def _robot(stage: Stage) -> Law:
     """The journal has the order of what has happened."""
     book = _Book()
     home = Process[Any](stage.process, journal=book)
-    lease = GrantedLease.free("a", term=5.0, unix=stage.process.unix())
-    address = Address("robot", "a", "1")
-    state = RobotState(
-        address=address, home="host", lease=lease, slots=Slots("a"), calls=Calls(), stop=Stop()
-    )
+    state = _state(stage)
     identity = Credentials(stage.process.pid(), stage.system.user())
     runtime = RobotRuntime(
         Robot("a"),
@@ -383,22 +393,18 @@ def _robot(stage: Stage) -> Law:
 def _journal(stage: Stage) -> Law:
     """What was appended is in the log, once and in its order; a sync keeps all that was before it."""
     medium, folder = Medium(), Path("/keep/a")
-    address = Address("robot", "a", "1")
-    lease = GrantedLease.free("a", unix=0.0)
-    state = RobotState(
-        address=address, home="host", lease=lease, slots=Slots("a"), calls=Calls(), stop=Stop()
-    )
+    state = _state(stage)
     kept = HostJournal(folder, LogClocks(stage.process), disk=MemoryDisk(medium, moment=stage.pass_by))
     synced: list[int] = []
 
     def begin() -> None:
         kept.begin()
-        kept.made(address.key, "a", KeptPage("", ""), lambda query: query(state))
+        kept.made(state.address.key, "a", KeptPage("", ""), lambda query: query(state))
         stage.start(work)
 
     def work(number: int) -> None:
         for turn in range(3):
-            kept.append(address.key, 0.0, on.Set(values={f"{number}": turn}))
+            kept.append(state.address.key, 0.0, on.Set(values={f"{number}": turn}))
             before = kept._appended
             (kept.sync, kept.barrier)[(number + turn) % 2]()
             if (number + turn) % 2 == 0:
@@ -486,10 +492,9 @@ SCENES: dict[str, tuple[Callable[[Stage], Law], ModuleType]] = {
 """Each scene, and the module before whose statements threads lose the processor."""
 
 
-def play(scene: str, seed: int) -> tuple[str, list[str]]:
-    """Play a scene; returns what follows from its seed, and what is wrong."""
+def play(scene: str, seed: int) -> tuple[str, Stage]:
+    """Play a scene; returns what follows from its seed, and where it was played."""
     begin, module = SCENES[scene]
-    broken: list[str] = []
     with virtual_runner(seed) as runner, at_every_statement((module,), runner.point):
         stage = Stage(runner, seed)
         law = begin(stage)
@@ -498,8 +503,8 @@ def play(scene: str, seed: int) -> tuple[str, list[str]]:
             with stage.undo:
                 runner.run(LENGTH)
         except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
-            broken.append(f"raised: {type(error).__name__}: {error}")
+            stage.broken.append(f"raised: {type(error).__name__}: {error}")
         runner.preemption.share = 0.0
-        if not broken and not law():
-            broken.append(f"not so: {begin.__doc__}")
-        return f"{runner.switches} {runner.preemption.count}", broken
+        if not stage.broken and not law():
+            stage.broken.append(f"not so: {begin.__doc__}")
+        return f"{runner.switches} {runner.preemption.count}", stage

@@ -11,8 +11,7 @@ from robotree.vr.supervision.realm_client import RealmClient
 from tests.world.kernel import Trouble
 from tests.world.laws import network_is_whole
 from tests.world.machine_sockets import SimulatedSocket
-from tests.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld
-from tests.world.points import at_every_statement
+from tests.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld, play_on_machine
 from tests.world.story import CALM, LENGTH, Story
 
 ENTERED = 0.5
@@ -24,7 +23,7 @@ class WholeStory(Story):
 
     world: MachineWorld
 
-    def begin(self) -> None:
+    def tell(self) -> None:
         """Have the seed take the processor from threads, until the calm, and let it all happen."""
         chance, preemption = random.Random(f"{self.world.seed} whole"), self.world.runner.preemption
         preemption.share = chance.choice([0.0, 0.01, 0.1])
@@ -38,7 +37,7 @@ class WholeStory(Story):
         )
         self.world.runner.at(CALM, self._calm)
         self.world.runner.at(LENGTH - 0.5, self._look_at_network)
-        self.tell()
+        super().tell()
         for line in self.world.logged:
             self.judge.complain(f"logged: {line}")
 
@@ -135,19 +134,5 @@ class WholeStory(Story):
 
 
 def play(seed: int, among: tuple[ModuleType, ...] = ()) -> tuple[str, WholeStory]:
-    """Play one seed to its end.
-
-    Args:
-        seed: of everything.
-        among: modules in which a thread can lose the processor before every statement.
-
-    Returns:
-        The digest of its trace, and the story.
-    """
-    with MachineWorld(seed) as world, at_every_statement(among, world.runner.point):
-        story = WholeStory(seed, world)
-        try:
-            story.begin()
-        except Exception as error:  # noqa: BLE001 # a fault of the program, which the seed has found
-            story.judge.complain(f"raised: {type(error).__name__}: {error}")
-        return world.digest, story
+    """Play one seed to its end: see `play_on_machine`."""
+    return play_on_machine(WholeStory, seed, among)
