@@ -116,4 +116,6 @@ class OwnedDatabase:
             return self._unusable("another process owns it; ask that one, or end it first")
         if code in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
             return self._damaged(str(error))
-        return self._unusable(f"it cannot be written or read ({error}); look at its disk")
+        return self._unusable(
+            f"it cannot be written or read ({error}); nothing was changed: look at its disk"
+        )

@@ -284,8 +284,7 @@ async def test_requests_that_come_together_are_kept_together(tmp_path: Path) -> 
     """One commit for all that came while another one was under way (group commit)."""
     store = SqliteStore("jobs", tmp_path / "s.db", time.monotonic, time.time)
     service = SpaceService(MemoryNetwork().join(), "jobs", store)
-    file, kept = store._file, list[str]()
-    assert file is not None
+    file, kept = store._file._file, list[str]()
     file.set_trace_callback(lambda order: kept.append(order) if order == "COMMIT" else None)
     answers: list[Reply] = []
     from robotree.vr.base.principal import ITSELF
