@@ -16,7 +16,8 @@ from robotree.sim.motion.path import Reference
 from robotree.sim.testing import ArmBench
 
 KINEMATICS = Kinematics()
-AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "diagonal": (0.577, -0.577, 0.577)}
+DIAGONAL = np.array((0.577, -0.577, 0.577))
+"""A push along it that yields along it shows that all three axes have the same spring."""
 
 
 @given(goal=st.tuples(*[st.floats(-100, 100)] * 3), twist=st.floats(-math.pi, math.pi))
@@ -32,13 +33,12 @@ def test_no_error_however_large_pulls_harder_than_the_limit(
     assert np.linalg.norm(pull[3:]) <= TORQUE_LIMIT + 1e-3
 
 
-@pytest.mark.parametrize("axis", AXES)
-def test_ten_newtons_yield_twenty_millimetres_and_it_comes_back(arm: ArmBench, axis: str) -> None:
+def test_ten_newtons_yield_twenty_millimetres_and_it_comes_back(arm: ArmBench) -> None:
     operator, data = arm.operator, arm.world.cell.data
     operator.succeed(Verb.GO_TO, 0.40, -0.15, 0.30, 0.3)
     operator.wait(1.0)
     before = arm.world.arm.state().position
-    push, hand = np.array(AXES[axis]), arm.world.cell.model.body("arm/hand").id
+    push, hand = DIAGONAL, arm.world.cell.model.body("arm/hand").id
     data.xfrc_applied[hand, :3] = 10.0 * push
     operator.wait(4.0)
     pushed = arm.world.arm.state()
@@ -50,9 +50,8 @@ def test_ten_newtons_yield_twenty_millimetres_and_it_comes_back(arm: ArmBench, a
     assert np.linalg.norm(arm.world.arm.state().position - before) < 0.0005
 
 
-@pytest.mark.parametrize("factor", [1.0, 5.0])
-def test_friction_does_not_spoil_the_compliance(arm: ArmBench, factor: float) -> None:
-    arm.world.cell.model.dof_frictionloss[:] *= factor
+def test_friction_does_not_spoil_the_compliance(arm: ArmBench) -> None:
+    arm.world.cell.model.dof_frictionloss[:] *= 5.0
     operator, hand = arm.operator, arm.world.cell.model.body("arm/hand").id
     operator.wait(2.0)
     before = arm.world.arm.state().position

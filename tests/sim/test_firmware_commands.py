@@ -171,53 +171,53 @@ def say(operator: Operator, release: tuple[float, ...], confirmation: int) -> tu
 
 @RELEASES
 def test_the_repetition_of_a_release_does_not_undo_a_stop_that_came_in_between(
-    arm: ArmBench, release: tuple[float, ...]
+    rover: RoverBench, release: tuple[float, ...]
 ) -> None:
-    stranger = arm.operator.another(system=99)
+    stranger = rover.operator.another(system=99)
     stranger.set_mode(ModeKind.SAFE_STOP)
     stranger.wait(0.05)
-    assert say(arm.operator, release, 0) == (MavResult.ACCEPTED, ModeKind.READY)
-    assert say(arm.operator, release, 1) == (MavResult.ACCEPTED, ModeKind.READY), "nothing came in between"
+    assert say(rover.operator, release, 0) == (MavResult.ACCEPTED, ModeKind.READY)
+    assert say(rover.operator, release, 1) == (MavResult.ACCEPTED, ModeKind.READY), "nothing came in between"
     stranger.set_mode(ModeKind.SAFE_STOP)
     stranger.wait(0.05)
     for confirmation in (2, 3):
-        refused = say(arm.operator, release, confirmation)
+        refused = say(rover.operator, release, confirmation)
         assert refused == (MavResult.TEMPORARILY_REJECTED, ModeKind.SAFE_STOP)
-    assert last(arm.operator).result_param2 == Reason.STOPPED
-    assert "look at the robot" in text(arm.operator)
-    assert say(arm.operator, release, 0) == (MavResult.ACCEPTED, ModeKind.READY), "that is a new order"
+    assert last(rover.operator).result_param2 == Reason.STOPPED
+    assert "look at the robot" in text(rover.operator)
+    assert say(rover.operator, release, 0) == (MavResult.ACCEPTED, ModeKind.READY), "that is a new order"
 
 
-def test_the_repetition_of_a_release_does_not_undo_a_later_stop_of_the_same_sender(arm: ArmBench) -> None:
+def test_the_repetition_of_a_release_does_not_undo_a_later_stop_of_the_same_sender(rover: RoverBench) -> None:
     disarm = (MavCmd.COMPONENT_ARM_DISARM, 0.0, 0.0)
-    assert say(arm.operator, disarm, 0) == (MavResult.ACCEPTED, ModeKind.SAFE_STOP)
-    assert say(arm.operator, ARM, 1) == (MavResult.ACCEPTED, ModeKind.READY), "its first frame was lost"
-    assert say(arm.operator, disarm, 0) == (MavResult.ACCEPTED, ModeKind.SAFE_STOP)
-    assert say(arm.operator, ARM, 2) == (MavResult.TEMPORARILY_REJECTED, ModeKind.SAFE_STOP)
+    assert say(rover.operator, disarm, 0) == (MavResult.ACCEPTED, ModeKind.SAFE_STOP)
+    assert say(rover.operator, ARM, 1) == (MavResult.ACCEPTED, ModeKind.READY), "its first frame was lost"
+    assert say(rover.operator, disarm, 0) == (MavResult.ACCEPTED, ModeKind.SAFE_STOP)
+    assert say(rover.operator, ARM, 2) == (MavResult.TEMPORARILY_REJECTED, ModeKind.SAFE_STOP)
 
 
 @RELEASES
 def test_the_repetition_of_a_release_that_a_stop_has_overtaken_does_not_undo_it(
-    arm: ArmBench, release: tuple[float, ...]
+    rover: RoverBench, release: tuple[float, ...]
 ) -> None:
-    arm.operator.say(CommandLong(1, 1, int(release[0]), 0, *release[1:], *(0.0,) * 5))
-    arm.operator.set_mode(ModeKind.SAFE_STOP)
-    arm.operator.wait(0.05)
-    assert last(arm.operator).result == MavResult.TEMPORARILY_REJECTED
-    assert say(arm.operator, release, 1) == (MavResult.TEMPORARILY_REJECTED, ModeKind.SAFE_STOP)
+    rover.operator.say(CommandLong(1, 1, int(release[0]), 0, *release[1:], *(0.0,) * 5))
+    rover.operator.set_mode(ModeKind.SAFE_STOP)
+    rover.operator.wait(0.05)
+    assert last(rover.operator).result == MavResult.TEMPORARILY_REJECTED
+    assert say(rover.operator, release, 1) == (MavResult.TEMPORARILY_REJECTED, ModeKind.SAFE_STOP)
 
 
 @RELEASES
 def test_a_release_whose_first_transmission_was_lost_is_obeyed(
-    arm: ArmBench, release: tuple[float, ...]
+    rover: RoverBench, release: tuple[float, ...]
 ) -> None:
-    arm.operator.set_mode(ModeKind.SAFE_STOP)
-    arm.operator.wait(0.05)
-    assert say(arm.operator, release, 1) == (MavResult.ACCEPTED, ModeKind.READY)
-    arm.operator.wait(COUNTED_REPETITION + 1.0)
-    arm.operator.set_mode(ModeKind.SAFE_STOP)
-    arm.operator.wait(0.05)
-    assert say(arm.operator, release, 2) == (MavResult.ACCEPTED, ModeKind.READY), "nobody repeats that late"
+    rover.operator.set_mode(ModeKind.SAFE_STOP)
+    rover.operator.wait(0.05)
+    assert say(rover.operator, release, 1) == (MavResult.ACCEPTED, ModeKind.READY)
+    rover.operator.wait(COUNTED_REPETITION + 1.0)
+    rover.operator.set_mode(ModeKind.SAFE_STOP)
+    rover.operator.wait(0.05)
+    assert say(rover.operator, release, 2) == (MavResult.ACCEPTED, ModeKind.READY), "nobody repeats that late"
 
 
 def test_where_a_lease_was_obeyed_a_command_needs_control_to_move_or_to_release(arm: ArmBench) -> None:

@@ -7,20 +7,13 @@ import pytest
 
 from robotree.protocol.messages import (
     GoalState,
-    MavCmd,
-    MavParamError,
     MavParamType,
     Mode,
-    ParamError,
-    ParamRequestRead,
     ParamSet,
     ParamValue,
     Reason,
     Verb,
 )
-from robotree.sim.arm.tuning import PARAMETERS, ArmTuning
-from robotree.sim.rover.device import PARAMETERS as ROVER_PARAMETERS
-from robotree.sim.rover.device import RoverTuning
 from robotree.sim.testing import ArmBench, Operator, RoverBench
 
 AWAY = (0.35, -0.25, 0.35, 0.5)
@@ -29,17 +22,6 @@ AWAY = (0.35, -0.25, 0.35, 0.5)
 def tell(operator: Operator, name: str, value: float, kind: int = MavParamType.REAL32) -> None:
     operator.say(ParamSet(1, 1, name, value, kind))
     operator.wait(0.05)
-
-
-@pytest.mark.parametrize(
-    ("parameters", "tuning"), [(PARAMETERS, ArmTuning()), (ROVER_PARAMETERS, RoverTuning())]
-)
-def test_every_parameter_is_a_number_of_the_robot_within_its_own_limits(
-    parameters: tuple[object, ...], tuning: object
-) -> None:
-    for each in parameters:
-        assert each.lower <= each.read(tuning) <= each.upper  # type: ignore[attr-defined]
-    assert len({each.name for each in parameters}) == len(parameters)  # type: ignore[attr-defined]
 
 
 def test_a_change_is_obeyed_and_told_to_everyone(arm: ArmBench) -> None:
@@ -56,30 +38,6 @@ def test_a_change_is_obeyed_and_told_to_everyone(arm: ArmBench) -> None:
     began = arm.operator.now
     arm.operator.succeed(Verb.GO_TO, 0.35, 0.25, 0.35, 0.5)
     assert slowly > 1.5 * (arm.operator.now - began)
-
-
-VALUES = {each.name: each.read(ArmTuning()) for each in PARAMETERS}
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "kind", "error"),
-    [
-        ("NO_SUCH_THING", 1.0, 9, MavParamError.DOES_NOT_EXIST),
-        ("TOOL_SPEED", 0.3, 9, MavParamError.VALUE_OUT_OF_RANGE),
-        ("TOOL_SPEED", float("nan"), 9, MavParamError.VALUE_OUT_OF_RANGE),
-        ("TOOL_FORCE_MAX", 1e30, 9, MavParamError.VALUE_OUT_OF_RANGE),
-        ("TOOL_SPEED", 0.1, 6, MavParamError.TYPE_MISMATCH),
-    ],
-)
-def test_what_cannot_be_set_is_an_error_at_once_and_changes_nothing(
-    arm: ArmBench, name: str, value: float, kind: int, error: int
-) -> None:
-    tell(arm.operator, name, value, kind)
-    (told,) = arm.operator.all(ParamError)
-    assert (told.error, told.target_system, told.target_component) == (error, 255, 190)
-    assert arm.world.arm.tuning == ArmTuning()
-    values = [each.param_value for each in arm.operator.all(ParamValue)]
-    assert values == [pytest.approx(VALUES[each]) for each in VALUES if each == name]
 
 
 @pytest.mark.parametrize("stiffness", [250.0, 1000.0])
@@ -129,13 +87,3 @@ def test_the_patience_of_the_link_can_be_tuned(rover: RoverBench) -> None:
     rover.operator.wait(0.1)
     rover.operator.silent = True
     assert rover.operator.end_of(running, within=0.7).reason == Reason.LINK_SILENT
-
-
-def test_who_is_not_in_control_reads_and_does_not_set(arm: ArmBench) -> None:
-    other = arm.operator.another()
-    arm.operator.command(MavCmd.REQUEST_OPERATOR_CONTROL, 1, 0)
-    tell(other, "TOOL_SPEED", 0.1)
-    assert other.all(ParamError)[-1].error == MavParamError.PERMISSION_DENIED
-    other.say(ParamRequestRead(1, 1, "TOOL_SPEED", -1))
-    other.wait(0.05)
-    assert other.latest(ParamValue).param_value == pytest.approx(0.2)

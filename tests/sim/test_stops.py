@@ -131,30 +131,6 @@ def flood(operator: Operator, goals: int) -> None:
         operator.ask(Verb.MOVE, 0.05, 0.0, epoch=0)
 
 
-def test_a_release_behind_goals_does_not_undo_a_stop_that_came_after_it(rover: RoverBench) -> None:
-    operator = rover.operator
-    flood(operator, 3)
-    operator.set_mode(READY)
-    operator.wait(0.02)
-    operator.set_mode(STOP)
-    operator.wait(1.0)
-    assert operator.mode() == (STOP, Reason.OPERATOR)
-
-
-def test_a_release_that_waits_on_another_link_does_not_undo_a_stop(rover: RoverBench) -> None:
-    ann = rover.operator
-    bob = ann.another()
-    flood(ann, 100)
-    ann.set_mode(READY)
-    ann.step()
-    bob.set_mode(STOP)
-    bob.until(lambda: bob.mode()[0] == STOP, within=0.1)
-    told = len(bob.heard)
-    bob.wait(3.0)
-    assert {message.mode for _, message in bob.heard[told:] if isinstance(message, Mode)} == {STOP}
-    assert ann.mode() == (STOP, Reason.OPERATOR)
-
-
 def test_a_release_after_the_stop_wakes_nothing_that_the_stop_has_overtaken(rover: RoverBench) -> None:
     ann = rover.operator
     bob = ann.another()

@@ -17,6 +17,8 @@ from robotree.protocol.messages import (
     SetMode,
     Verb,
 )
+from robotree.sim.companion.flat import CUP_MASS
+from robotree.sim.companion.guard import GRAVITY
 from robotree.sim.companion.visitors import Wait
 from robotree.sim.companion.world import CompanionWorld
 from robotree.sim.firmware import SILENCE
@@ -58,6 +60,7 @@ class Giving:
         state = self.world.body.limbs[0].state()
         assert state.grip_force > 5.0
         assert state.peak_force < PEAK
+        assert state.wrench[2] == pytest.approx(-CUP_MASS * GRAVITY, abs=0.3), "the wrist feels its weight"
 
 
 def cup_in_hand(world: CompanionWorld) -> bool:
