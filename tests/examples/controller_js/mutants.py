@@ -38,6 +38,8 @@ def _mutant(rule: str, does: str, *changes: str) -> Mutant:
 
 QUICK = ("const SILENCE = 2000,", "const SILENCE = 800,")
 """So that no test waits for long."""
+UNHEARD = ("  function say(message) {\n", "  function say(message) {\n    if (!clients.size) return;\n")
+"""So that a controller that nobody tries costs nothing."""
 RUNS_ON = (
     "    this.robot.hold();\n    this.running = undefined;",
     "    this.running = undefined;",
