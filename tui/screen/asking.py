@@ -14,12 +14,11 @@ from robotree.tui.line.grammar import Blank, Line
 from robotree.tui.processes.place_files import COORDINATES
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.compose import ComposePage
-from robotree.tui.screen.pages.dialogs import Confirm, Reading
-from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog, openings
+from robotree.tui.screen.pages.dialogs import Choosing, Confirm, Reading
+from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, openings
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
 from robotree.tui.screen.pages.group import GroupPanel
 from robotree.tui.screen.pages.help import help_text
-from robotree.tui.screen.pages.host import HostDialog, PlacementDialog
 from robotree.tui.screen.pages.main import PANES, in_front, main_page
 from robotree.tui.screen.pages.messages import MessagesPage
 from robotree.tui.screen.pages.new import NewPage
@@ -28,7 +27,6 @@ from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.permits import PermitsPage
 from robotree.tui.screen.pages.readings import ReadingsPage
-from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.pages.where import WherePage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.prompt import Kind
@@ -52,6 +50,13 @@ HELP = "help"
 """Title of the help."""
 
 NOBODY = "no robot is selected"
+
+PLACEMENTS = {
+    "manual": "people alone move it",
+    "advise": "it says where it would be better off",
+    "auto": "it moves there by itself",
+}
+"""Who decides where a robot is, for people."""
 
 MADE = "VirtualRobot"
 """Kind of the robots that can be deleted from here: the others are processes of their own."""
@@ -125,16 +130,6 @@ def _is_group(app: OperatorApp, place: Place) -> bool:
     return found
 
 
-def _performed(app: OperatorApp) -> Callable[[Line | None], None]:
-    """Return what a dialog calls with the line that was chosen in it, or None."""
-
-    def answered(line: Line | None) -> None:
-        if line:
-            app.perform(line)
-
-    return answered
-
-
 def plainly(verb: str) -> Ask:
     """Return how a verb is carried out for what is selected: nothing is to be asked about it."""
     action = BY_VERB[verb]
@@ -179,7 +174,7 @@ def _enslave(app: OperatorApp, place: Place) -> None:
 
 
 def _offer(app: OperatorApp, places: list[Opening], child: str) -> None:
-    app.push_screen(EnslaveDialog(app.store, places, child), _performed(app))
+    app.ask(EnslaveDialog(app.store, places, child), app.perform)
 
 
 def _release(app: OperatorApp, place: Place) -> None:
@@ -196,7 +191,8 @@ def _release(app: OperatorApp, place: Place) -> None:
     if chosen and (slot or len(chosen) == 1):
         confirm_line(app, Line("release", {"PARENT.SLOT": chosen[0]}))
     elif chosen:
-        app.push_screen(ReleaseDialog(held), lambda line: confirm_line(app, line) if line else None)
+        which = Choosing("Release which child?", [(path, f"holds {child}") for path, child in held])
+        app.ask(which, lambda path: confirm_line(app, Line("release", {"PARENT.SLOT": path})))
     elif bond:
         confirm_line(app, Line("release", {"PARENT.SLOT": f"{bond.parent.name}.{bond.slot}"}))
     else:
@@ -240,15 +236,12 @@ def _delete_marked(app: OperatorApp) -> None:
     consequence += f" Hidden by the filter: {', '.join(hidden)}." if hidden else ""
     consequence += f" Left as they are: {', '.join(left)}." if left else ""
 
-    def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
-        if answer:
-            main_page(app).unmark()
-            for name in names:
-                app.do("delete", NAME=name)
+    def delete(_yes: str) -> None:
+        main_page(app).unmark()
+        for name in names:
+            app.do("delete", NAME=name)
 
-    app.push_screen(
-        Confirm(say("delete {count} marked robots?", count=len(names)), consequence, "Delete"), answered
-    )
+    app.ask(Confirm(say("delete {count} marked robots?", count=len(names)), consequence, "Delete"), delete)
 
 
 def _cancel(app: OperatorApp, place: Place) -> None:
@@ -259,15 +252,10 @@ def _cancel(app: OperatorApp, place: Place) -> None:
 
 
 def _quit(app: OperatorApp, _place: Place) -> None:
-    if not app.farewell:
+    if app.farewell:
+        app.ask(Confirm(say("Leave?"), app.farewell, "Leave"), lambda _yes: app.exit(0))
+    else:
         app.exit(0)
-        return
-
-    def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
-        if answer:
-            app.exit(0)
-
-    app.push_screen(Confirm(say("Leave?"), app.farewell, "Leave"), answered)
 
 
 def _stop(app: OperatorApp, _place: Place) -> None:
@@ -309,15 +297,15 @@ def confirm_line(app: OperatorApp, line: Line) -> None:
     danger = DANGERS.get(line.verb, Danger(_helps))
     outlived = danger.outlived(app.store, line) if danger.outlived else str
 
-    def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
-        if answer and (why := outlived()):
+    def carry_out(_yes: str) -> None:
+        if why := outlived():
             app.tell(why, "warning")  # it has just become another question
-        elif answer:
+        else:
             app.perform(line)
 
     question = danger.question.format(line=grammar.form(line, shapes(Where.PROMPT)), name=line.text("NAME"))
     consequence = danger.consequence(app.store, line)
-    app.push_screen(Confirm(question, consequence, danger.yes or line.verb.capitalize(), outlived), answered)
+    app.ask(Confirm(question, consequence, danger.yes or line.verb.capitalize(), outlived), carry_out)
 
 
 def _helps(_store: Store, line: Line) -> str:
@@ -474,7 +462,14 @@ def _role(app: OperatorApp, place: Place) -> None:
         return
 
     playing = robot.attributes.get("role", "") if robot else ""
-    app.push_screen(RoleDialog(place.name, known, playing), _performed(app))
+    app.ask(
+        Choosing(
+            f"Which role does {place.name} play from its next act on?",
+            [(role, "now" if role == playing else "") for role in known],
+            at=playing,
+        ),
+        lambda role: app.do("role", NAME=place.name, ROLE=role),
+    )
 
 
 def _migrate(app: OperatorApp, _place: Place, robot: RobotDescription) -> None:
@@ -484,7 +479,13 @@ def _migrate(app: OperatorApp, _place: Place, robot: RobotDescription) -> None:
     elif not others:
         app.tell("no other host takes robots; `robotree host NAME` starts one that does", "warning")
     else:
-        app.push_screen(HostDialog(robot.name, robot.host, others), _performed(app))
+        app.ask(
+            Choosing(
+                f"Where does {robot.name} go on? It is on {robot.host}.",
+                [(host, "") for host in sorted(others)],
+            ),
+            lambda host: app.do("migrate", NAME=robot.name, HOST=host),
+        )
 
 
 def _point(app: OperatorApp) -> dict[str, float] | None:
@@ -529,21 +530,32 @@ def _keep(app: OperatorApp, place: Place, robot: RobotDescription) -> None:
     if point is not None:  # what nobody points at stays as it is: the height and the twist of the tool
         point = {name: readings[name] for name in COORDINATES if name in readings} | point
 
-    def answered(line: Line | None) -> None:
-        if line:
-            app.perform(line)
-            front.look_again()
+    def keep(line: Line) -> None:
+        app.perform(line)
+        front.look_again()
 
-    app.push_screen(NameDialog(place.name, point, frame_of(robot)), answered)
+    app.ask(NameDialog(place.name, point, frame_of(robot)), keep)
 
 
 def _place(app: OperatorApp, _place: Place, robot: RobotDescription) -> None:
     if not robot.host:
         app.tell(f"{robot.name} is a proxy, and stays where its controller is", "warning")
-    else:
-        state = app.store.state(robot.name)
-        advised = state.advised if state else robot.advised
-        app.push_screen(PlacementDialog(robot, advised), _performed(app))
+        return
+    state = app.store.state(robot.name)
+    advised = state.advised if state else robot.advised
+    unknown = "nobody has looked yet" + ": choose advise" * (robot.placement == "manual")
+    choices = [(word, what + " (now)" * (word == robot.placement)) for word, what in PLACEMENTS.items()]
+    move = f"move to {advised} now"
+    if advised:
+        choices.insert(0, (move, ""))
+
+    def chosen(word: str) -> None:
+        if word == move:
+            app.do("migrate", NAME=robot.name, HOST=advised)
+        else:
+            app.do("place", NAME=robot.name, PLACEMENT=word)
+
+    app.ask(Choosing(f"{robot.name} is on {robot.host}", choices, note=robot.advice or unknown), chosen)
 
 
 def _line(kind: Kind, text: str = "") -> Ask:

@@ -11,10 +11,11 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from textual import work
 from textual.driver import Driver
+from textual.screen import Screen
 from textual.theme import Theme
 
 from robotree.tui import words
@@ -56,6 +57,8 @@ if TYPE_CHECKING:
     from robotree.vr.supervision.realm_client import RealmClient
 
 log = logging.getLogger(__name__)
+
+Answer = TypeVar("Answer")
 
 
 Denials = dict[tuple[str, tuple[str, ...], str], str]
@@ -512,6 +515,15 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             verbs=self.prompt.shapes,
             groups=self.realm_client.groups.names(),
         )
+
+    def ask(self, question: Screen[Answer], then: Callable[[Answer], object]) -> None:
+        """Put a question in front; `then` gets the answer, unless there is none."""
+
+        def answered(answer: Answer | None) -> None:
+            if answer:
+                then(answer)
+
+        self.push_screen(question, answered)
 
     # -- what only the app with its pages can do ----------------------------------------------------
 

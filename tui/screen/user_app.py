@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
     from robotree.vr.base.order import KnownAgent, Order
 
-SHOWN = frozenset({"stop", "resume", "help", "quit"})
-"""What a key of this program may ask for."""
+SHOWN = frozenset({"stop", "resume", "role"})
+"""What this program asks for as operators do, beside what it does in its own way."""
 FRESH = 0.2
 """[s] for which a list of behaviours is shown: all robots are looked at for it."""
 HELP = """\
@@ -91,17 +91,11 @@ class UserApp(Supervisor, inherit_bindings=False):
             asking.ask_for(self, verb, place)
 
     def _leave(self) -> None:
-        running = [each for each in self.errands if each.runs]
-        if not running:
+        if running := ", ".join(each.title for each in self.errands if each.runs):
+            question = Confirm("Leave?", f"This ends with it: {running}", "Leave")
+            self.ask(question, lambda _yes: self.exit(0))
+        else:
             self.exit(0)
-            return
-
-        def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
-            if answer:
-                self.exit(0)
-
-        what = ", ".join(each.title for each in running)
-        self.push_screen(Confirm("Leave?", f"This ends with it: {what}", "Leave"), answered)
 
     # -- what there is --------------------------------------------------------------------------------
 

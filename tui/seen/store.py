@@ -1,6 +1,6 @@
 """The supervisor's knowledge of its realm: robots, views, states, events. No screen in here.
 
-Callbacks of the realm client feed it, `now` in hand; widgets draw it when its `revision` has grown.
+Callbacks of the realm client feed it, `now` in hand; widgets look at it a few times a second.
 It remembers what it heard last and when, so that silence can be told from calm.
 """
 
@@ -186,8 +186,6 @@ class Store:
     joined: bool = False
     """The realm has been joined; before that emptiness means nothing."""
     entries: deque[LogEntry] = field(default_factory=lambda: deque[LogEntry](maxlen=MEMORY))
-    revision: int = 0
-    """Grows with each change that can be seen."""
     shape: int = 0
     """Grows when the tree should be asked for again."""
     family: int = 0
@@ -261,7 +259,6 @@ class Store:
         """
         entry = LogEntry(now, weight, one_line(text), robot, line, operators)
         self.entries.append(entry)
-        self.revision += 1
         return entry
 
     def take_lists(self, robots: Iterable[Listing], views: Iterable[Listing], now: float) -> None:
@@ -293,7 +290,6 @@ class Store:
                 self.missed.setdefault(listing.address, Missed(listing, were_listed))
         if before != after:
             self.family += 1
-        self.revision += 1
         self.shape += 1
 
     def _tells_who_created_it(self, listing: Listing) -> bool:
@@ -352,17 +348,11 @@ class Store:
 
     def take_late(self, late: Iterable[Held]) -> None:
         """Take the agents whose processes are late with their sign of life."""
-        found = frozenset(address.name for one in late if (address := shown_address(one.key)))
-        if found != self.late:
-            self.late = found
-            self.revision += 1
+        self.late = frozenset(address.name for one in late if (address := shown_address(one.key)))
 
     def take_elsewhere(self, elsewhere: Mapping[str, Elsewhere], now: float) -> None:
         """Take where robots of other sites are, and how old what is known of them is."""
-        self.elsewhere_at = now
-        if elsewhere != self.elsewhere:
-            self.elsewhere = elsewhere
-            self.revision += 1
+        self.elsewhere, self.elsewhere_at = elsewhere, now
 
     def place(self, name: str, now: float) -> str:
         """Return site and age of a robot of another site: `hall 0.5 s`; empty: it is of this machine."""
@@ -418,7 +408,6 @@ class Store:
         self.remembered.pop(name, None)
         self._heard.pop(name, None)
         self.family += 1
-        self.revision += 1
 
     def _welcome(self, addresses: Iterable[Address], now: float) -> None:
         """Note who is there again, or there under the name of one that has gone."""
@@ -440,7 +429,6 @@ class Store:
         if self.orphaned and not stale:
             self.tell("a lookup service is back", "good", now)
         self.services, self.stale = tuple(sorted(services)), stale
-        self.revision += 1
 
     def take_servers(
         self, present: Collection[Address], now: float, *, left: Callable[[Address], bool]
@@ -478,26 +466,20 @@ class Store:
         found = {name: one for name, one in away.items() if name not in here}
         if found.keys() != self.away.keys():
             self.family += 1
-        if found != self.away:
-            self.away = found
-            self.revision += 1
+        self.away = found
 
     def take_groups(self, groups: Mapping[str, SeenGroup]) -> None:
         """Take the groups of the realm, and who is in each now."""
         if groups.keys() != self.groups.keys():
             self.family += 1
-        if groups != self.groups:
-            self.groups = dict(groups)
-            self.revision += 1
+        self.groups = dict(groups)
 
     def take_results(self, count: int, now: float, how: str) -> None:
         """Take how many results wait for this person, and tell of new ones; `how` they are shown."""
         if count > self.results:
             what = "the result of an order waits" if count == 1 else f"{count} results of orders wait"
             self.tell(f"{what}: {how}", "good", now)
-        if count != self.results:
-            self.results = count
-            self.revision += 1
+        self.results = count
 
     def take_permits(self, waiting: Iterable[Permit], now: float, how: str) -> None:
         """Take which calls of assistants wait for a person, and tell of new ones; `how` they are answered."""
@@ -507,9 +489,7 @@ class Store:
                 self.tell(
                     f"{one.assistant} asks for {one.call}: {how}", "warning", now, one.robot, operators=True
                 )
-        if found != self.permits:
-            self.permits = found
-            self.revision += 1
+        self.permits = found
 
     def take_alarms(self, alarms: Iterable[Alarm], now: float, how: str) -> None:
         """Take the alarms as they are kept, and tell what is new; `how` one is acknowledged."""
@@ -523,7 +503,6 @@ class Store:
                 continue
             text = f"the alarm of {alarm.name} was acknowledged by {alarm.acknowledged_by}"
             self.tell(text, "good", now, alarm.robot, operators=True)
-        self.revision += 1
 
     def source_of(self, name: str, reading: str) -> str:
         """Return the robot whose own reading it is: the robot, or one below it; empty: none has it."""
@@ -538,11 +517,9 @@ class Store:
         working = sorted((host for host in hosts if not host.stands_by), key=lambda host: host.address.name)
         self.hosts = tuple(host.address.name for host in working)
         self.taking_hosts = tuple(host.address.name for host in working if host.takes_robots)
-        self.revision += 1
 
     def take_state(self, name: str, state: State, now: float) -> None:
         """Take a state that a robot published. Called ten thousand times a second where there are many."""
-        self.revision += 1
         self.watched.take(name, state.readings, now)
         before = self._heard.get(name)
         if before is None:
@@ -579,17 +556,14 @@ class Store:
         """Note what came of that (`StopRound.end`)."""
         if self.stop:
             self.stop.end(told, untold, now)
-            self.revision += 1
 
     def settle_stop(self) -> list[str]:
         """A person resumes: return the robots of the stop's banner that were not stopped and answer again."""
-        self.revision += 1
         return self.stop.settle() if self.stop else []
 
     def end_resume(self) -> None:
         """Note that all were resumed: no stop is to be confirmed any more."""
         self.stop = None
-        self.revision += 1
 
     def take_line(self, name: str, line: LoggedLine, now: float) -> None:
         """Take a line of a robot's log: what its code says, and what became of the commands of people.
@@ -663,7 +637,6 @@ class Store:
             for name, one in self.descriptions.items()
         ):
             self.family += 1
-        self.revision += 1
 
     def _take_questions(self, before: Mapping[str, RobotDescription], now: float) -> None:
         """Tell what robots have just begun to ask people."""

@@ -14,8 +14,8 @@ from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 
 from robotree.tui.screen.app import CONTROL_FILTER, Supervisor
-from robotree.tui.screen.pages.dialogs import Confirm, Modal, Reading
-from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening, ReleaseDialog
+from robotree.tui.screen.pages.dialogs import Choosing, Confirm, Modal, Reading
+from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.command_form import CommandForm
@@ -130,7 +130,7 @@ async def look(words: tuple[str, ...]) -> None:
             Confirm(words[0], words[-1], words[0]),
             Reading(words[0], words[-1]),
             EnslaveDialog(app.store, [Opening(word, word, word, word) for word in words], words[0]),
-            ReleaseDialog([(one, one) for one in dict.fromkeys(words)]),
+            Choosing(words[0], [(one, one) for one in words], note=words[-1], at=words[-1]),
         ]
         for dialog in dialogs:
             app.push_screen(dialog)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotree.tui.screen.pages.host import PlacementDialog
+from robotree.tui.screen.pages.dialogs import Choosing
 from robotree.tui.screen.pages.main import MainPage
 from tests.tui.conftest import EXAMPLES
 
@@ -23,7 +23,7 @@ async def test_a_robot_that_would_be_better_off_elsewhere_is_marked_and_a_key_ca
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
         operator.app.choose("mover")
         await operator.press("f")
-        await operator.at(PlacementDialog)
+        await operator.at(Choosing)
         await operator.sees("mover is on", "nobody has looked yet", "manual", "people alone move it (now)")
         await operator.press("down", "enter")
         await operator.at(MainPage)
@@ -35,7 +35,7 @@ async def test_a_robot_that_would_be_better_off_elsewhere_is_marked_and_a_key_ca
             lambda: operator.app.store.descriptions["mover"].advice == runtime.advice, "the advice"
         )
         await operator.press("f")
-        await operator.at(PlacementDialog)
+        await operator.at(Choosing)
         await operator.sees(
             "host-2 is nearer than host-1", "move to host-2 now", "where it would be better off (now)"
         )

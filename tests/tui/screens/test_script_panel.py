@@ -10,9 +10,9 @@ import pytest
 from textual.widgets import OptionList
 
 from robotree.tui.screen.pages import panel as panels
+from robotree.tui.screen.pages.dialogs import Choosing
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import command
 from robotree.vr.scripts.roles import RolePlayer
@@ -85,7 +85,7 @@ async def test_the_panel_of_a_script_opens_at_its_start_and_shows_its_facts_and_
         await operator.sees("it has ended", "released")
 
 
-async def choose_role(operator: Operator, name: str) -> RoleDialog:
+async def choose_role(operator: Operator, name: str) -> Choosing:
     """Press the key of roles on a robot."""
     table = operator.one(RobotTable)
     await operator.until(lambda: name in table.names, name)
@@ -94,7 +94,7 @@ async def choose_role(operator: Operator, name: str) -> RoleDialog:
         await operator.press("down")
     await operator.until(lambda: name in operator.app.store.descriptions, "its description")
     await operator.press("p")
-    return await operator.at(RoleDialog)
+    return await operator.at(Choosing)
 
 
 async def test_a_role_is_chosen_on_the_screen_and_the_present_one_is_marked(
@@ -106,7 +106,7 @@ async def test_a_role_is_chosen_on_the_screen_and_the_present_one_is_marked(
         dialog = await choose_role(operator, "james")
         await operator.sees("Which role does james play from its next act on?", "neutral  now", "child")
         options = dialog.query_one(OptionList)
-        names = [options.get_option_at_index(i).id for i in range(options.option_count)]
+        names = [str(option.prompt).split()[0] for option in options.options]
         assert names[0] == "neutral"
         for _ in range(names.index("butler")):
             await operator.press("down")

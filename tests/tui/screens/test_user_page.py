@@ -15,6 +15,7 @@ from robotree.tui.line.known_kinds import checked_script
 from robotree.tui.screen.pages.user import DoingPage, UserPage
 from robotree.tui.screen.pages.write import WritePage, template
 from robotree.tui.screen.user_app import UserApp
+from robotree.tui.screen.widgets.row_list import RowList
 from robotree.tui.seen.alarms import Alarm
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
@@ -47,13 +48,11 @@ class Cart(Robot):
 
 async def opened(operator: Operator, title: str) -> DoingPage:
     """Choose what can be done by its title."""
-    listed = operator.one(OptionList, "#can")
+    listed = operator.one(RowList)
 
     def place() -> int | None:
-        rows = operator.app.screen._rows if isinstance(operator.app.screen, UserPage) else []
-        return next(
-            (at for at, row in enumerate(rows) if row.id.startswith("can:") and title in row.text.plain), None
-        )
+        can = (at for at, row in enumerate(listed.rows) if str(row.key).startswith("can:"))
+        return next((at for at in can if title in listed.rows[at].text.plain), None)
 
     await operator.until(lambda: place() is not None, title)
     listed.highlighted = place()

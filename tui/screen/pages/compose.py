@@ -179,13 +179,11 @@ class ComposePage(Page):
         every = [*found, *((offer, None) for offer in offers.of_blocks()), *asked]
         by_name = {offer.shown: (offer, robot) for offer, robot in every}
 
-        def chosen(word: str | None) -> None:
-            if word is not None:
-                offer, robot = by_name[word]
-                self._insert(offer.text("" if robot is None else self._slot(robot)))
+        def chosen(word: str) -> None:
+            offer, robot = by_name[word]
+            self._insert(offer.text("" if robot is None else self._slot(robot)))
 
-        offered = [(offer.shown, offer.about) for offer, _ in every]
-        self.app.push_screen(Choosing("add a step", offered), chosen)
+        self.app.ask(Choosing("add a step", [(offer.shown, offer.about) for offer, _ in every]), chosen)
 
     def _read(self, robot: RobotDescription) -> Mapping[str, float]:
         """Return the readings of a robot: those of its description are one sample old."""
@@ -292,15 +290,8 @@ class ComposePage(Page):
         if not values:
             self.app.tell("this step has no value that could become a parameter", "warning")
             return
-
-        def chosen(word: str | None) -> None:
-            if word is not None:
-                self._make_parameter(word, values[word])
-
-        self.app.push_screen(
-            Choosing("which value becomes a parameter?", [(name, value) for name, value in values.items()]),
-            chosen,
-        )
+        which = Choosing("which value becomes a parameter?", values.items())
+        self.app.ask(which, lambda word: self._make_parameter(word, values[word]))
 
     def _make_parameter(self, argument: str, value: str) -> None:
         name = demonstration.free(argument, {*self.parameters, *self.filled.values()})
@@ -318,12 +309,7 @@ class ComposePage(Page):
             self._leave_line(max(at - self._fresh, 0))
         elif self.rows and not self.said.startswith("✓ made"):
             question = Confirm("Leave the composer?", "The steps are not kept.", "Leave")
-
-            def answered(yes: bool | None) -> None:  # noqa: FBT001 # as Textual calls it
-                if yes:
-                    self.dismiss()
-
-            self.app.push_screen(question, answered)
+            self.app.ask(question, lambda _yes: self.dismiss())
         else:
             self.dismiss()
 
@@ -339,13 +325,9 @@ class ComposePage(Page):
         elif len(robots) == 1:
             self._lead(*robots.values())
         else:
-
-            def chosen(name: str | None) -> None:
-                if name is not None:
-                    self._lead(robots[name])
-
             offered = [(name, robot.kind) for name, robot in sorted(robots.items())]
-            self.app.push_screen(Choosing("which robot is led by hand?", offered), chosen)
+            which = Choosing("which robot is led by hand?", offered)
+            self.app.ask(which, lambda name: self._lead(robots[name]))
 
     def _lead(self, robot: RobotDescription) -> None:
         found = bounds(robot)
@@ -437,42 +419,25 @@ class ComposePage(Page):
             self._make()
 
     @work(exit_on_error=False, group="compose", exclusive=True)
-    async def _make(self) -> None:
+    async def _make(self, *, replace: bool = False) -> None:
         ready = await self._prepared()
         if ready is None:
             return
         try:
-            await asyncio.to_thread(write, ready, Path(), replace=False)
+            await asyncio.to_thread(write, ready, Path(), replace=replace)
         except FileExistsError as error:
             question = Confirm(f"Replace {ready.page}?", f"{error}.", "Replace")
-
-            def answered(yes: bool | None) -> None:  # noqa: FBT001 # as Textual calls it
-                if yes:
-                    self._replace(ready)
-
-            self.app.push_screen(question, answered)
+            self.app.ask(question, lambda _yes: self._make(replace=True))
         except OSError as error:
             self._say(f"✗ {error}", "error")
         else:
-            self._made(ready)
-
-    @work(exit_on_error=False, group="compose", exclusive=True)
-    async def _replace(self, ready: Prepared) -> None:
-        try:
-            await asyncio.to_thread(write, ready, Path(), replace=True)
-        except OSError as error:
-            self._say(f"✗ {error}", "error")
-        else:
-            self._made(ready)
-
-    def _made(self, ready: Prepared) -> None:
-        name = ready.checked.composition.name
-        self._say(
-            f"✓ made {', '.join(ready.files)}; the page has {ready.lines} lines and is yours;"
-            f" :create {ready.page} as {name} makes the robot",
-            "success",
-        )
-        self.app.tell(f"{ready.page} is made: {ready.lines} lines", "good")
+            name = ready.checked.composition.name
+            self._say(
+                f"✓ made {', '.join(ready.files)}; the page has {ready.lines} lines and is yours;"
+                f" :create {ready.page} as {name} makes the robot",
+                "success",
+            )
+            self.app.tell(f"{ready.page} is made: {ready.lines} lines", "good")
 
 
 def _steps(count: int) -> str:

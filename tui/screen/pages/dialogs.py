@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import ClassVar
+from collections.abc import Callable, Iterable
+from typing import ClassVar, Literal, NamedTuple
 
 from rich.text import Text
 from textual import on
@@ -51,32 +51,54 @@ class Modal(Part, ModalScreen[ScreenResultType], Leaving[ScreenResultType]):
         self.dismiss(None)
 
 
-class Confirm(Modal[bool]):
-    """Asks before something is taken away. The harmless answer comes first and has the focus."""
+class Answer(NamedTuple):
+    """A button of a question."""
+
+    word: str
+    """What stands on it; unlike `name`, it is translated."""
+    name: str
+    """What the question answers then."""
+    variant: Literal["default", "primary", "warning", "error"] = "default"
+
+
+class Question(Modal[str]):
+    """Asks something. The harmless answer comes first and has the focus; it answers nothing."""
 
     def __init__(
-        self, question: str, consequence: str, yes: str, outlived: Callable[[], str] = lambda: ""
+        self,
+        question: str,
+        text: str,
+        *answers: Answer,
+        harmless: str = "Cancel",
+        outlived: Callable[[], str] = lambda: "",
     ) -> None:
         """Prepare to ask.
 
         Args:
             question: the title.
-            consequence: what would happen.
-            yes: the word on the button.
+            text: what one must know for it.
+            *answers: what can be answered.
+            harmless: the word of what changes nothing.
             outlived: returns why there is nothing to ask any more; empty: there is. The dialog closes then.
         """
         super().__init__()
-        self._question, self._consequence, self._yes = question, consequence, yes
-        self._outlived = outlived
+        self._question, self._text, self.answers = question, text, answers
+        self._harmless, self._outlived = harmless, outlived
 
     def box(self) -> ComposeResult:
-        """Question, consequence, buttons."""
-        with Vertical(classes="dialog -danger"):
+        """Question, text, buttons."""
+        with Vertical(classes="dialog"):
             yield Static(self._question, classes="dialog-title", markup=False)
-            yield Static(self._consequence, classes="dialog-text", markup=False)
+            yield from self.body()
             with Horizontal(classes="buttons"):
-                yield Button(Text(say("Cancel")), id="no", compact=True)
-                yield Button(Text(say(self._yes)), id="yes", variant="error", compact=True)
+                yield Button(Text(say(self._harmless)), id="no", compact=True)
+                for word, name, variant in self.answers:
+                    yield Button(Text(say(word)), name=name, id=name, variant=variant, compact=True)
+
+    def body(self) -> ComposeResult:
+        """Yield what stands between question and buttons."""
+        with VerticalScroll():
+            yield Static(self._text, markup=False)
 
     def on_mount(self) -> None:
         """Focus the harmless answer."""
@@ -87,16 +109,27 @@ class Confirm(Modal[bool]):
         """Close when the question has been answered elsewhere."""
         if self.is_current and (why := self._outlived()):
             self.app.tell(why)
-            self.dismiss(False)  # the answer
+            self.dismiss(None)
             self.app.opened_by_itself(self.app.screen, typed=False)
-
-    def action_answer(self, answer: bool) -> None:  # noqa: FBT001 # Textual calls it with a literal
-        """Answer."""
-        self.dismiss(answer)
 
     @on(Button.Pressed)
     def _pressed(self, event: Button.Pressed) -> None:
-        self.dismiss(event.button.id == "yes")
+        self.dismiss(event.button.name)
+
+
+class Confirm(Question):
+    """Asks before something is taken away."""
+
+    def __init__(
+        self, question: str, consequence: str, yes: str, outlived: Callable[[], str] = lambda: ""
+    ) -> None:
+        """Prepare to ask; `yes` is the word on the button (`Question`)."""
+        super().__init__(question, consequence, Answer(yes, "yes", "error"), outlived=outlived)
+        self.add_class("-danger")
+
+    def body(self) -> ComposeResult:
+        """What would happen."""
+        yield Static(self._text, classes="dialog-text", markup=False)
 
 
 class Broken(Part, Static):
@@ -171,18 +204,22 @@ class Reading(Modal[None]):
         self.query_one(VerticalScroll).focus()
 
 
-class Choosing(Modal[str | None]):
+class Choosing(Modal[str]):
     """Choose one of several."""
 
-    def __init__(self, question: str, choices: Sequence[tuple[str, str]]) -> None:
-        """Offer pairs of what is chosen and what is said of it."""
+    def __init__(
+        self, question: str, choices: Iterable[tuple[str, str]], *, note: str = "", at: str = ""
+    ) -> None:
+        """Offer pairs of what is chosen and what is said of it; the cursor begins at one of them."""
         super().__init__()
-        self._question, self._choices = question, list(choices)
+        self._question, self._choices, self._note, self._at = question, list(choices), note, at
 
     def box(self) -> ComposeResult:
         """A list."""
         with Vertical(classes="dialog reading") as box:
             box.border_title = Text(self._question)
+            if self._note:
+                yield Static(self._note, classes="dialog-text", markup=False)
             yield OptionList(
                 *(Option(Text.assemble((word, "bold"), f"  {about}")) for word, about in self._choices),
                 markup=False,
@@ -191,7 +228,9 @@ class Choosing(Modal[str | None]):
 
     def on_mount(self) -> None:
         """Let the arrows choose."""
-        self.query_one(OptionList).focus()
+        choices, words = self.query_one(OptionList), [word for word, _ in self._choices]
+        choices.highlighted = words.index(self._at) if self._at in words else 0
+        choices.focus()
 
     @on(OptionList.OptionSelected)
     def _chosen(self, event: OptionList.OptionSelected) -> None:

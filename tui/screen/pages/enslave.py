@@ -62,7 +62,7 @@ NARROW = [(0, "-slim"), (60, "-wide")]
 """[cells] from which on the robots stand beside the slots, not below them."""
 
 
-class EnslaveDialog(Modal[Line | None]):
+class EnslaveDialog(Modal[Line]):
     """Choose a slot, choose a robot for it."""
 
     HORIZONTAL_BREAKPOINTS = NARROW
@@ -157,26 +157,3 @@ class EnslaveDialog(Modal[Line | None]):
     @on(Button.Pressed, "#no")
     def _cancel(self) -> None:
         self.dismiss(None)
-
-
-class ReleaseDialog(Modal[Line | None]):
-    """Choose which of several children to let go."""
-
-    def __init__(self, slots: Sequence[tuple[str, str]]) -> None:
-        """Offer these pairs of `PARENT.SLOT` and child."""
-        super().__init__()
-        self._slots = list(slots)
-
-    def box(self) -> ComposeResult:
-        """A list."""
-        with Vertical(classes="dialog"):
-            yield Label("Release which child?", classes="dialog-title", markup=False)
-            options = [
-                Option(Text.assemble((path, "bold"), f"  holds {child}"), id=path)
-                for path, child in self._slots
-            ]
-            yield OptionList(*options, markup=False)
-
-    @on(OptionList.OptionSelected)
-    def _chosen(self, event: OptionList.OptionSelected) -> None:
-        self.dismiss(Line("release", {"PARENT.SLOT": event.option.id or ""}))

@@ -39,7 +39,7 @@ AGAIN = 2.0
 """[s] before it is asked again: a stop, or somebody else, may have come or gone."""
 
 
-class GoDialog(Modal[Line | None]):
+class GoDialog(Modal[Line]):
     """Where a robot is to go, and what it says of that. The harmless answer has the focus."""
 
     def __init__(self, robot: RobotDescription, trip: Trip, frame: str) -> None:
@@ -114,7 +114,7 @@ class GoDialog(Modal[Line | None]):
         self.dismiss(Line("go", {"ROBOT": self._trip.robot, "PLACE|COORDINATE=VALUE": texts}))
 
 
-class NameDialog(Modal[Line | None]):
+class NameDialog(Modal[Line]):
     """Gives a point a name."""
 
     def __init__(self, robot: str, at: Mapping[str, float] | None, frame: str) -> None:

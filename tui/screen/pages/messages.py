@@ -10,14 +10,13 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal
-from textual.widgets import OptionList
-from textual.widgets.option_list import Option
 
 from robotree.tui.processes.wire_watch import WireMessage
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.row_list import Row, RowList
 from robotree.tui.seen.cells import fit, seen
 from robotree.tui.seen.series import Reading
 
@@ -35,16 +34,13 @@ class MessagesPage(Page):
         """Watch a robot's wire."""
         super().__init__()
         self.robot = robot
-        self._ids: tuple[tuple[int, int, str], ...] = ()
-        self._fields: tuple[str, ...] = ()
-        self._texts: dict[str, tuple[str, ...]] = {}
 
     def parts(self) -> ComposeResult:
         """Messages; beside them the fields of the one under the cursor."""
         yield CachedText(id="messages-note")
         with Horizontal(classes="columns"):
-            yield OptionList(id="messages-list", markup=False, compact=True)
-            yield OptionList(id="messages-fields", markup=False, compact=True)
+            yield RowList(id="messages-list", compact=True)
+            yield RowList(id="messages-fields", compact=True)
 
     def on_mount(self) -> None:
         """Begin to listen."""
@@ -65,16 +61,15 @@ class MessagesPage(Page):
         """Show what is ticked over time."""
         self.app.ask_for("readings")
 
-    @on(OptionList.OptionSelected, "#messages-list")
+    @on(RowList.OptionSelected, "#messages-list")
     def _into(self) -> None:
         self.query_one("#messages-fields").focus()
 
-    @on(OptionList.OptionSelected, "#messages-fields")
-    def _ticked(self, event: OptionList.OptionSelected) -> None:
-        message = self.chosen
-        if message is None or event.option_index >= len(self._fields):
+    @on(RowList.OptionSelected, "#messages-fields")
+    def _ticked(self) -> None:
+        message, field = self.chosen, str(self.query_one("#messages-fields", RowList).chosen)
+        if message is None:
             return
-        field = self._fields[event.option_index]
         if field in message.numbers():
             self.app.tick(self._reading(message, field))
         else:
@@ -92,8 +87,7 @@ class MessagesPage(Page):
     @property
     def chosen(self) -> WireMessage | None:
         """The message under the cursor."""
-        at = self.query_one("#messages-list", OptionList).highlighted
-        wanted = self._ids[at] if at is not None and at < len(self._ids) else None
+        wanted = self.query_one("#messages-list", RowList).chosen
         return next((one for one in self._messages if one.id == wanted), None)
 
     # -- drawing -----------------------------------------------------------------------------------
@@ -107,35 +101,17 @@ class MessagesPage(Page):
         note = self.query_one("#messages-note", CachedText)
         note.display = bool(watch and watch.note)
         note.show(Text(f" {seen(watch.note)}" if watch else "", tint(self.app, "warning")))
-        ids = tuple(one.id for one in messages)
-        self._fill("messages-list", [self._row(one) for one in messages], same=ids == self._ids)
-        self._ids = ids
+        self.query_one("#messages-list", RowList).fill(Row(one.id, self._row(one)) for one in messages)
         message = self.chosen
-        rows, fields = list[Text](), list[str]()
+        fields = list[Row]()
         if message is not None:
             numbers = message.numbers()
-            fields = [*numbers, *(name for name in message.fields if not any(
+            names = [*numbers, *(name for name in message.fields if not any(
                 number.partition("[")[0] == name for number in numbers))]  # fmt: skip
-            rows = [self._field(message, field, numbers) for field in fields]
-        self._fill("messages-fields", rows, same=tuple(fields) == self._fields)
-        self._fields = tuple(fields)
+            fields = [Row(name, self._field(message, name, numbers)) for name in names]
+        self.query_one("#messages-fields", RowList).fill(fields)
         entitle(self.query_one("#messages-list"), "message, rate, age")
         entitle(self.query_one("#messages-fields"), f"fields of {message.name}" if message else "fields")
-
-    def _fill(self, name: str, rows: list[Text], *, same: bool) -> None:
-        choices, plain = self.query_one(f"#{name}", OptionList), tuple(row.plain for row in rows)
-        before = self._texts.get(name, ())
-        self._texts[name] = plain
-        if same and len(before) == len(plain):
-            for at, row in enumerate(rows):
-                if row.plain != before[at]:
-                    choices.replace_option_prompt_at_index(at, row)
-            return
-        highlighted = choices.highlighted
-        choices.clear_options()
-        choices.add_options([Option(row) for row in rows])
-        if rows:
-            choices.highlighted = min(highlighted or 0, len(rows) - 1)
 
     def _row(self, one: WireMessage) -> Text:
         muted = tint(self.app, "muted")

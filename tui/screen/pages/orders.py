@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.widgets import Button, OptionList, Static
-from textual.widgets.option_list import Option
+from textual.containers import Vertical
+from textual.widgets import Static
 
 from robotree.tui.line import ordering
 from robotree.tui.line.grammar import Line
-from robotree.tui.screen.pages.dialogs import Modal
+from robotree.tui.screen.pages.dialogs import Answer, Modal, Question
 from robotree.tui.screen.widgets.marks import DIM, tint
+from robotree.tui.screen.widgets.row_list import Row, RowList
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -28,8 +28,6 @@ COLOURS = {"done": "success", "failed": "error", "in doubt": "error", "refused":
 
 NONE = "no order is left; :call ROBOT.COMMAND --queue leaves one"
 
-Answer = Literal["cancel", "confirm", ""]
-
 
 class OrdersPage(Modal[None]):
     """A list of orders; choosing one shows it, and lets it be cancelled."""
@@ -37,25 +35,21 @@ class OrdersPage(Modal[None]):
     def __init__(self) -> None:
         """Nothing is known yet."""
         super().__init__()
-        self._orders: tuple[Order, ...] = ()
-        self._shown: list[tuple[Any, ...]] = []
+        self._orders: dict[str, Order] = {}
 
     def box(self) -> ComposeResult:
         """The list, and what holds robots."""
         with Vertical(classes="dialog reading") as box:
             box.border_title = "orders"
             yield Static("", id="orders-holds", markup=False)
-            yield OptionList(id="orders-list", markup=False)
+            yield RowList(id="orders-list")
             yield Static("the directories are asked …", id="orders-note", markup=False)
 
     def on_mount(self) -> None:
         """Look now and then."""
-        self.query_one(OptionList).focus()
+        self.query_one(RowList).focus()
         self._look()
-        self.set_interval(PERIOD, self.guarded(self._look_again))
-
-    def _look_again(self) -> None:
-        self._look()
+        self.set_interval(PERIOD, self._look)
 
     @work(exclusive=True, exit_on_error=False, group="orders")
     async def _look(self) -> None:
@@ -72,22 +66,12 @@ class OrdersPage(Modal[None]):
         held = ordering.held(holds, f"{self.app.keymap.spelled('resume')} releases it")
         self.query_one("#orders-holds", Static).update("\n".join(held))
         self.query_one("#orders-note", Static).update(note)
-        choices = self.query_one(OptionList)
+        choices = self.query_one(RowList)
         choices.display = bool(orders)
         if orders and self.focused is None:
             choices.focus()
-        rows = [
-            (each.key, each.state, each.at, each.asks, each.confirmed_by, each.cancelled_by)
-            for each in orders
-        ]
-        if rows == self._shown:
-            return
-        self._shown, self._orders = list(rows), tuple(orders)
-        at = choices.highlighted
-        choices.clear_options()
-        choices.add_options([Option(self._row(each), id=each.key) for each in orders])
-        if orders:
-            choices.highlighted = min(at or 0, len(orders) - 1)
+        self._orders = {each.key: each for each in orders}
+        choices.fill(Row(each.key, self._row(each)) for each in orders)
 
     def _row(self, order: Order) -> Text:
         state = tint(self.app, COLOURS[order.shown]) if order.shown in COLOURS else DIM
@@ -98,21 +82,23 @@ class OrdersPage(Modal[None]):
             f"{order.who}  {ordering.about(order)}",
         )
 
-    @on(OptionList.OptionSelected)
-    def _chosen(self, event: OptionList.OptionSelected) -> None:
-        order = next((each for each in self._orders if each.key == event.option.id), None)
-        if order is not None:
-            self.app.push_screen(OrderDialog(order, readonly=self.app.readonly), self._answered(order))
+    @on(RowList.OptionSelected)
+    def _chosen(self) -> None:
+        order = self._orders[str(self.query_one(RowList).chosen)]
+        answers = [Answer("Let it begin", "confirm")] if order.asks and not order.confirmed_by else []
+        answers.append(Answer("Cancel the order", "cancel", "error"))
+        if order.over or self.app.readonly:
+            answers = []
 
-    def _answered(self, order: Order) -> Any:
-        def answered(answer: Answer | None) -> None:
+        def answered(answer: str | None) -> None:
             if answer:
                 self.app.perform(Line(f"order {answer}", {"TICKET": order.key}))
             elif order.over:
                 self._take(order)
             self._look()
 
-        return answered
+        question = Question(f"order {order.ticket}", ordering.portrait(order), *answers, harmless="Close")
+        self.app.push_screen(question, answered)
 
     @work(exit_on_error=False, group="results")
     async def _take(self, order: Order) -> None:
@@ -121,35 +107,3 @@ class OrdersPage(Modal[None]):
         if order.key in mine:
             await self.app.realm_client.orders.mark_seen([order])
             self._look()
-
-
-class OrderDialog(Modal[Answer]):
-    """Shows one order. The harmless answer comes first and has the focus."""
-
-    def __init__(self, order: Order, *, readonly: bool) -> None:
-        """Take the order; `readonly`: it cannot be changed from here."""
-        super().__init__()
-        self._order, self._readonly = order, readonly
-
-    def box(self) -> ComposeResult:
-        """What is known of it, and what can be done."""
-        order = self._order
-        with Vertical(classes="dialog"):
-            yield Static(f"order {order.ticket}", classes="dialog-title", markup=False)
-            with VerticalScroll():
-                yield Static(ordering.portrait(order), markup=False)
-            with Horizontal(classes="buttons"):
-                yield Button("Close", id="close", compact=True)
-                if not (order.over or self._readonly):
-                    if order.asks and not order.confirmed_by:
-                        yield Button("Let it begin", id="confirm", compact=True)
-                    yield Button("Cancel the order", id="cancel", variant="error", compact=True)
-
-    def on_mount(self) -> None:
-        """Focus the harmless answer."""
-        self.query_one("#close", Button).focus()
-
-    @on(Button.Pressed)
-    def _pressed(self, event: Button.Pressed) -> None:
-        answers: dict[str | None, Answer] = {"cancel": "cancel", "confirm": "confirm"}
-        self.dismiss(answers.get(event.button.id, ""))

@@ -163,15 +163,14 @@ class PanelPage(Page):
         """Have the command of a button carried out, after the question that belongs to it."""
         part, robot = event.part, self.robot
 
-        def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
-            if answer:
-                self.app.call(robot.name, part.command, part.arguments, Told())
+        def begin(_yes: str = "") -> None:
+            self.app.call(robot.name, part.command, part.arguments, Told())
 
         if part.confirm:
             what = f"{robot.name}.{part.command} begins"
-            self.app.push_screen(Confirm(seen(part.confirm), what, "Begin"), answered)
+            self.app.ask(Confirm(seen(part.confirm), what, "Begin"), begin)
         else:
-            answered(True)
+            begin()
 
     @property
     def _leads(self) -> bool:

@@ -6,21 +6,20 @@ has ticked are not kept.
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, cast
 
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical
-from textual.widgets import OptionList
-from textual.widgets.option_list import Option
 
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.plot import Plot, Shown
+from robotree.tui.screen.widgets.row_list import Row, RowList
 from robotree.tui.seen import instruments
 from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.cells import seen
@@ -55,14 +54,12 @@ class ReadingsPage(Page):
         self.end: float | None = None
         """[s] on the store's clock, at the right edge; None: now."""
         self.is_against = False
-        self._listed: tuple[Reading, ...] = ()
-        self._texts: tuple[str, ...] = ()
 
     def parts(self) -> ComposeResult:
         """List and plots."""
         with Horizontal(classes="columns"):
             with Vertical(id="readings-side"):
-                yield OptionList(id="readings-list", markup=False, compact=True)
+                yield RowList(id="readings-list", compact=True)
                 yield CachedText(id="readings-alarms")
             with Vertical(id="plots"):
                 yield CachedText(id="plots-note")
@@ -72,7 +69,7 @@ class ReadingsPage(Page):
     def on_mount(self) -> None:
         """Begin to draw."""
         super().on_mount()
-        self.query_one(OptionList).focus()
+        self.query_one(RowList).focus()
         self.set_interval(1 / (SLOW if self.app.calm else RATE), self.guarded(self._plot))
 
     def title_of_page(self) -> str:
@@ -87,8 +84,7 @@ class ReadingsPage(Page):
     @property
     def chosen(self) -> Reading | None:
         """The reading under the cursor."""
-        at = self.query_one(OptionList).highlighted
-        return self._listed[at] if at is not None and at < len(self._listed) else None
+        return cast("Reading | None", self.query_one(RowList).chosen)
 
     def _wanted(self) -> tuple[Reading, ...]:
         """Return the readings that are listed: those that are ticked, then those of the selected robot."""
@@ -106,7 +102,7 @@ class ReadingsPage(Page):
         """Leave."""
         self.dismiss()
 
-    @on(OptionList.OptionSelected)
+    @on(RowList.OptionSelected)
     def _selected(self) -> None:
         self.action_tick()
 
@@ -179,20 +175,8 @@ class ReadingsPage(Page):
             self._draw_list()
 
     def _draw_list(self) -> None:
-        choices, wanted = self.query_one(OptionList), self._wanted()
-        rows = [self._row(one) for one in wanted]
-        if wanted != self._listed:
-            at, kept = choices.highlighted, self.chosen
-            self._listed = wanted
-            choices.clear_options()
-            choices.add_options([Option(row) for row in rows])
-            if wanted:
-                choices.highlighted = wanted.index(kept) if kept in wanted else min(at or 0, len(wanted) - 1)
-        else:
-            for number, row in enumerate(rows):
-                if number >= len(self._texts) or row.plain != self._texts[number]:
-                    choices.replace_option_prompt_at_index(number, row)
-        self._texts = tuple(row.plain for row in rows)
+        choices = self.query_one(RowList)
+        choices.fill(Row(one, self._row(one)) for one in self._wanted())
         entitle(choices, "ticked, and of " + (seen(self.app.selection.name) or "no robot"))
         alarms = [one for one in self.app.store.watched.alarms.values() if one.state != "calm"]
         text = Text("\n").join(

@@ -4,33 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
-from textual.widgets import Button, Input, Label, OptionList, Static
-from textual.widgets.option_list import Option
+from textual.widgets import Button, Input, Label, Static
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line import ordering
-from robotree.tui.line.grammar import Line
 from robotree.tui.screen import entry
 from robotree.tui.screen.bindings import bindings
-from robotree.tui.screen.pages.dialogs import Confirm, Modal
+from robotree.tui.screen.pages.dialogs import Answer, Confirm, Question
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.permits import ask_about_permit
 from robotree.tui.screen.pages.question import ask_question
-from robotree.tui.screen.pages.role import RoleDialog
 from robotree.tui.screen.pages.write import WritePage
+from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.screen.widgets.marks import DIM, tint
+from robotree.tui.screen.widgets.row_list import Row, RowList
 from robotree.tui.seen import absence
 from robotree.tui.seen.asked import questions_of
 from robotree.tui.seen.behaviours import SCRIPT, START, Behaviour, titles
@@ -38,9 +37,7 @@ from robotree.tui.seen.cells import seen
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from robotree.tui.seen.errand import Errand
+    from robotree.tui.screen.user_app import UserApp
     from robotree.vr.base.description import RobotDescription
     from robotree.vr.base.order import Order
 
@@ -48,50 +45,6 @@ LOOK = 1.0
 """[s] between two looks at the orders."""
 ANYBODY = ""
 """The choice of whoever can do it first."""
-
-
-class UserDesk(Protocol):
-    """What these pages need of their program, beside what every page does (`user_app.UserApp`)."""
-
-    errands: list[Errand]
-    orders: tuple[Order, ...]
-    alone: bool
-
-    def behaviours(self) -> list[Behaviour]:
-        """Return what can be done now or later."""
-        ...
-
-    async def look(self) -> None:
-        """Look at the orders of this person."""
-        ...
-
-    def begin(self, behaviour: Behaviour, robot: str, arguments: dict[str, Any]) -> Errand:
-        """Have something carried out."""
-        ...
-
-    async def leave_order(
-        self, behaviour: Behaviour, robot: str, arguments: dict[str, Any], until: str
-    ) -> None:
-        """Leave something as an order."""
-        ...
-
-    def decide_order(self, order: Order, answer: str) -> object:
-        """End an order, let it begin, or take its result."""
-        ...
-
-    def settle(self, errands: Sequence[Errand]) -> None:
-        """Take what is over off the list."""
-        ...
-
-
-class UserRow(NamedTuple):
-    """One row of the list."""
-
-    id: str
-    """Empty: a heading."""
-    text: Text
-    open: Callable[[], object] | None = None
-    """What ⏎ does."""
 
 
 class PlainPage(Page):
@@ -105,9 +58,9 @@ class PlainPage(Page):
         yield KeyLine()
 
     @property
-    def desk(self) -> UserDesk:
+    def desk(self) -> UserApp:
         """The program."""
-        return cast("UserDesk", self.app)
+        return cast("UserApp", self.app)
 
     def draw(self) -> None:
         """Draw the line on top, and what happened last."""
@@ -133,21 +86,19 @@ class UserPage(PlainPage):
     def __init__(self) -> None:
         """Nothing is known yet."""
         super().__init__()
-        self._rows: list[UserRow] = []
+        self._open: dict[str, Callable[[], object]] = {}
+        """What ⏎ does, by row."""
 
     def parts(self) -> ComposeResult:
         """The list."""
-        yield OptionList(id="can", markup=False)
+        yield RowList(id="can")
 
     def on_mount(self) -> None:
         """Draw now and then, and look at the orders."""
         super().on_mount()
-        self.query_one(OptionList).focus()
+        self.query_one(RowList).focus()
         self._look()
-        self.set_interval(LOOK, self.guarded(self._look_again))
-
-    def _look_again(self) -> None:
-        self._look()
+        self.set_interval(LOOK, self._look)
 
     @work(exclusive=True, exit_on_error=False, group="look")
     async def _look(self) -> None:
@@ -160,44 +111,25 @@ class UserPage(PlainPage):
 
     def action_open(self) -> None:
         """Open what is chosen."""
-        self.query_one(OptionList).action_select()
+        self.query_one(RowList).action_select()
 
     def action_leave(self) -> None:
         """Leave the program."""
         self.app.ask_for("quit")
 
-    @on(OptionList.OptionSelected)
-    def _selected(self, event: OptionList.OptionSelected) -> None:
-        row = next((each for each in self._rows if each.id == event.option.id), None)
-        if row is not None and row.open is not None:
-            row.open()
+    @on(RowList.OptionSelected)
+    def _selected(self) -> None:
+        self._open.get(str(self.query_one(RowList).chosen), _nothing)()
 
     # -- the rows ----------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        """Draw the list anew where it differs; what is chosen stays chosen."""
+        """Draw the list where it differs."""
         super().draw()
-        rows = list(self._all_rows())
-        if [(row.id, row.text) for row in rows] == [(row.id, row.text) for row in self._rows]:
-            self._rows = rows
-            return
-        listed = self.query_one(OptionList)
-        if [row.id for row in rows] == [row.id for row in self._rows]:
-            for place, (row, before) in enumerate(zip(rows, self._rows, strict=True)):
-                if row.text != before.text:
-                    listed.replace_option_prompt_at_index(place, row.text)
-            self._rows = rows
-            return
-        at = listed.highlighted
-        chosen = listed.get_option_at_index(at).id if at is not None and listed.option_count else None
-        self._rows = rows
-        listed.clear_options()
-        listed.add_options([Option(row.text, id=row.id or None, disabled=not row.id) for row in rows])
-        ids = [row.id for row in rows]
-        fallback = next((place for place, row in enumerate(rows) if row.id), None)
-        listed.highlighted = ids.index(chosen) if chosen and chosen in ids else fallback
+        self._open = {}
+        self.query_one(RowList).fill(self._all_rows())
 
-    def _all_rows(self) -> Iterator[UserRow]:
+    def _all_rows(self) -> Iterator[Row]:
         found = self.desk.behaviours()
         known = titles(found)
         can = list(self._possible(found))
@@ -206,71 +138,52 @@ class UserPage(PlainPage):
             ("Under way", list(self._under_way(known))),
             ("Results", list(self._results(known))),
             ("Left for later", list(self._waiting(known))),
-            ("What can be done", can or [self._row("nothing", "", "nobody is here yet")]),
+            ("What can be done", can or [self._row("nothing", "", "nobody is here yet", _nothing)]),
             ("More", list(self._more(found))),
         )
         for title, rows in sections:
             if rows:
-                yield UserRow("", Text(title, tint(self.app, "primary", bold=True)))
+                yield Row(None, Text(title, tint(self.app, "primary", bold=True)))
                 yield from rows
 
     def _row(
         self,
-        id_: str,
+        key: str,
         title: str,
         about: str,
-        opened: Callable[[], object] | None = None,
+        opened: Callable[[], object],
         *,
         sign: str = " ",
         colour: str = "muted",
         dim: bool = False,
-    ) -> UserRow:
+    ) -> Row:
         style = DIM if colour == "muted" else tint(self.app, colour)
         text = Text.assemble((f"{sign} ", style), (title, DIM if dim else "bold"))
         if about:
             text.append(f"\n  {about}" if title else about, style)
-        return UserRow(id_, text, opened)
+        self._open[key] = opened
+        return Row(key, text)
 
-    def _questions(self, known: dict[tuple[str, str], str]) -> Iterator[UserRow]:
+    def _questions(self, known: dict[tuple[str, str], str]) -> Iterator[Row]:
+        asked = partial(self._row, sign="?", colour="warning")
         for order in self.desk.orders:
             if order.asks and not order.confirmed_by and not order.over:
-                yield self._row(
-                    f"asks:{order.key}",
-                    order.asks,
-                    known.get((order.robot, order.command), order.command),
-                    partial(self._ask_about, order),
-                    sign="?",
-                    colour="warning",
-                )
-        for name, robot in sorted(self.app.store.descriptions.items()):
-            if robot.asks:
-                yield self._row(
-                    f"doubt:{name}",
-                    robot.asks,
-                    name,
-                    partial(self._ask_doubt, robot),
-                    sign="?",
-                    colour="warning",
-                )
+                title = known.get((order.robot, order.command), order.command)
+                yield asked(f"asks:{order.key}", order.asks, title, partial(self._ask_about, order))
         for name, robot in sorted(self.app.store.descriptions.items()):
             for question in questions_of(robot):
-                if question.id:
-                    yield self._row(
-                        f"question:{name}:{question.id}",
-                        question.text,
-                        f"{name} asks {question.more}".rstrip(),
-                        partial(ask_question, self.app, question),
-                        sign="?",
-                        colour="warning",
-                    )
+                yield asked(
+                    f"question:{name}:{question.id}",
+                    question.text,
+                    f"{name} asks {question.more}".rstrip(),
+                    partial(ask_question, self.app, question),
+                )
         for permit in self.app.store.permits:
-            yield self._row(
+            yield asked(
                 f"permit:{permit.id}",
                 f"May {permit.assistant} do this?",
                 f"{permit.call}: «{permit.why}»",
                 partial(ask_about_permit, self.app, permit),
-                sign="?",
-                colour="warning",
             )
         if self.app.store.stopped:
             yield self._row(
@@ -282,7 +195,7 @@ class UserPage(PlainPage):
                 colour="error",
             )
 
-    def _under_way(self, known: dict[tuple[str, str], str]) -> Iterator[UserRow]:
+    def _under_way(self, known: dict[tuple[str, str], str]) -> Iterator[Row]:
         now, own = self.app.now(), set[str]()
         for at, errand in enumerate(self.desk.errands):
             if errand.runs:
@@ -315,7 +228,7 @@ class UserPage(PlainPage):
         by = self.app.store.by(name)
         return f"for {by}" if by else ""
 
-    def _results(self, known: dict[tuple[str, str], str]) -> Iterator[UserRow]:
+    def _results(self, known: dict[tuple[str, str], str]) -> Iterator[Row]:
         now = self.app.now()
         for at, errand in enumerate(self.desk.errands):
             if not errand.runs:
@@ -333,12 +246,12 @@ class UserPage(PlainPage):
                     f"result:{order.key}",
                     known.get((order.robot, order.command), order.command),
                     f"{absence.clock(order.at)}  {order.shown}: {ordering.about(order)}".rstrip(": "),
-                    partial(self._take, order),
+                    partial(self.desk.decide_order, order, "seen"),
                     sign="✓" if order.state == "done" else "✗",
                     colour="success" if order.state == "done" else "error",
                 )
 
-    def _waiting(self, known: dict[tuple[str, str], str]) -> Iterator[UserRow]:
+    def _waiting(self, known: dict[tuple[str, str], str]) -> Iterator[Row]:
         for order in self.desk.orders:
             if not order.over:
                 taken = "its robot carries it out" if order.state == "taken" else "waits"
@@ -350,19 +263,19 @@ class UserPage(PlainPage):
                     sign="·",
                 )
 
-    def _possible(self, found: list[Behaviour]) -> Iterator[UserRow]:
+    def _possible(self, found: list[Behaviour]) -> Iterator[Row]:
         for one in found:
             sign = "▶" if any(doer.begins for doer in one.doers) else "…" if one.possible else "✗"
             yield self._row(
                 f"can:{one.key}",
                 one.title,
                 f"tell {one.robot.name}" if one.told else one.state,
-                partial(self._open, one),
+                partial(self._show, one),
                 sign=sign,
                 dim=not one.possible,
             )
 
-    def _more(self, found: list[Behaviour]) -> Iterator[UserRow]:
+    def _more(self, found: list[Behaviour]) -> Iterator[Row]:
         for name, robot in sorted(self.app.store.descriptions.items()):
             roles = robot.attributes.get("roles", "").split()
             if len(roles) > 1:
@@ -373,7 +286,7 @@ class UserPage(PlainPage):
                     f"role:{name}",
                     f"How {name} behaves",
                     f"not allowed: {why}" if why else f"as {role}; choose another role",
-                    partial(self._role, name, roles, role, why),
+                    partial(self._role, name, why),
                     dim=bool(why),
                 )
         if not (self.desk.alone or self.app.readonly):
@@ -388,45 +301,34 @@ class UserPage(PlainPage):
     # -- what ⏎ does -------------------------------------------------------------------------------
 
     def _ask_about(self, order: Order) -> None:
-        def answered(answer: str | None) -> None:
-            if answer:
-                self.desk.decide_order(order, answer)
+        asks = order.asks and not order.confirmed_by
+        given = ", ".join(f"{name} {value}" for name, value in order.arguments.items())
+        answers = [Answer("Let it begin", "confirm")] if asks else []
+        question = Question(
+            order.asks if asks else f"Left {absence.clock(order.left)}",
+            f"{order.command} {given}\n{'' if asks else ordering.about(order)}",
+            *answers,
+            Answer("Do not do it", "cancel", "error"),
+            harmless="Leave it",
+        )
+        self.app.ask(question, partial(self.desk.decide_order, order))
 
-        self.app.push_screen(OrderQuestion(order), answered)
-
-    def _ask_doubt(self, robot: RobotDescription) -> None:
-        self.app.push_screen(DoubtDialog(robot), self._decided(robot.name))
-
-    def _open(self, behaviour: Behaviour) -> None:
+    def _show(self, behaviour: Behaviour) -> None:
         self.app.push_screen(DoingPage(behaviour))
 
-    def _take(self, order: Order) -> None:
-        self.desk.decide_order(order, "seen")
-
-    def _role(self, name: str, roles: list[str], role: str, why: str) -> None:
+    def _role(self, name: str, why: str) -> None:
         if why:
             self.app.tell(why, "warning")
-            return
-
-        def answered(line: Line | None) -> None:
-            if line:
-                self.app.perform(line)
-
-        self.app.push_screen(RoleDialog(name, roles, role), answered)
-
-    def _decided(self, name: str) -> Callable[[str | None], None]:
-        def decided(answer: str | None) -> None:
-            if answer:
-                self.app.perform(Line("decide", {"NAME": name, "ANSWER": answer}))
-
-        return decided
+        else:
+            self.app.ask_for("role", Place(name))
 
     def _end(self, robot: str, title: str) -> None:
-        def answered(answer: bool | None) -> None:  # noqa: FBT001 # Textual gives the screen's result
-            if answer:
-                self.app.perform(Line("cancel", {"NAME": robot}))
+        question = Confirm("End it?", f"{title} ends where it is.", "End it")
+        self.app.ask(question, lambda _yes: self.app.do("cancel", NAME=robot))
 
-        self.app.push_screen(Confirm("End it?", f"{title} ends where it is.", "End it"), answered)
+
+def _nothing() -> None:
+    """There is nothing to open."""
 
 
 def _title_of(robot: RobotDescription, command: str) -> str:
@@ -434,70 +336,6 @@ def _title_of(robot: RobotDescription, command: str) -> str:
     if SCRIPT in robot.kinds and command == START and robot.doc:
         return robot.doc.strip().partition("\n")[0]  # what it is for, not that it leads
     return (spec.doc.strip().partition("\n")[0] if spec else "") or command
-
-
-class OrderQuestion(Modal[str]):
-    """Asks what shall become of an order. The harmless answer comes first and has the focus."""
-
-    def __init__(self, order: Order) -> None:
-        """Take the order."""
-        super().__init__()
-        self._order = order
-
-    def box(self) -> ComposeResult:
-        """What is known of it, and the answers."""
-        order = self._order
-        asks = order.asks and not order.confirmed_by
-        given = ", ".join(f"{name} {value}" for name, value in order.arguments.items())
-        with VerticalScroll(classes="dialog"):
-            yield Static(
-                order.asks if asks else f"Left {absence.clock(order.left)}",
-                classes="dialog-title",
-                markup=False,
-            )
-            yield Static(
-                f"{order.command} {given}\n{ordering.about(order) if not asks else ''}", markup=False
-            )
-            with Horizontal(classes="buttons"):
-                yield Button("Leave it", id="close", compact=True)
-                if asks:
-                    yield Button("Let it begin", id="confirm", compact=True)
-                yield Button("Do not do it", id="cancel", variant="error", compact=True)
-
-    def on_mount(self) -> None:
-        """Focus the harmless answer."""
-        self.query_one("#close", Button).focus()
-
-    @on(Button.Pressed)
-    def _pressed(self, event: Button.Pressed) -> None:
-        self.dismiss("" if event.button.id == "close" else event.button.id or "")
-
-
-class DoubtDialog(Modal[str]):
-    """Asks whether a command was done, in the middle of which its robot was killed."""
-
-    def __init__(self, robot: RobotDescription) -> None:
-        """Take the robot that asks."""
-        super().__init__()
-        self._robot = robot
-
-    def box(self) -> ComposeResult:
-        """The question and its three answers."""
-        with VerticalScroll(classes="dialog"):
-            yield Static(self._robot.asks, classes="dialog-title", markup=False)
-            with Horizontal(classes="buttons"):
-                yield Button("I do not know", id="close", compact=True)
-                yield Button("It is done", id="done", compact=True)
-                yield Button("Again", id="again", compact=True)
-                yield Button("End it", id="abort", variant="error", compact=True)
-
-    def on_mount(self) -> None:
-        """Focus the harmless answer."""
-        self.query_one("#close", Button).focus()
-
-    @on(Button.Pressed)
-    def _pressed(self, event: Button.Pressed) -> None:
-        self.dismiss("" if event.button.id == "close" else event.button.id or "")
 
 
 class DoingPage(PlainPage):
