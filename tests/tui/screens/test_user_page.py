@@ -235,10 +235,10 @@ async def test_what_a_robot_without_its_arm_does_cannot_be_begun_and_says_so(
 ) -> None:
     await realm.create("move_to.py", "mover")
     async with operate(realm.realm_client, size=SIZE, kind=UserApp) as operator:
-        await operator.until(lambda: bool(operator.app.behaviours()), "there is something")
+        await operator.until(lambda: bool(operator.app.desk.behaviours()), "there is something")
 
         def of_mover() -> list[tuple[bool, str]]:
-            found = operator.app.behaviours()
+            found = operator.app.desk.behaviours()
             return [(one.doers[0].begins, one.state) for one in found if one.robot.name == "mover"]
 
         await operator.until(lambda: bool(of_mover()), "the mover is listed")

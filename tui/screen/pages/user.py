@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.text import Text
 from textual import on, work
@@ -37,7 +37,7 @@ from robotree.tui.seen.cells import seen
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
-    from robotree.tui.screen.user_app import UserApp
+    from robotree.tui.screen.user_desk import UserDesk
     from robotree.vr.base.description import RobotDescription
     from robotree.vr.base.order import Order
 
@@ -50,17 +50,17 @@ ANYBODY = ""
 class PlainPage(Page):
     """A page without the words of operators: a line on top, what happened last, keys."""
 
+    def __init__(self, desk: UserDesk) -> None:
+        """Show what is on a desk."""
+        super().__init__()
+        self.desk = desk
+
     def compose(self) -> ComposeResult:
         """Frame the page's own parts."""
         yield CachedText(id="head", classes="topbar")
         yield from self.parts()
         yield FlashLine(classes="flash")
         yield KeyLine()
-
-    @property
-    def desk(self) -> UserApp:
-        """The program."""
-        return cast("UserApp", self.app)
 
     def draw(self) -> None:
         """Draw the line on top, and what happened last."""
@@ -83,9 +83,9 @@ class UserPage(PlainPage):
     KEYS_OF: ClassVar[str] = "user"
     BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
 
-    def __init__(self) -> None:
+    def __init__(self, desk: UserDesk) -> None:
         """Nothing is known yet."""
-        super().__init__()
+        super().__init__(desk)
         self._open: dict[str, Callable[[], object]] = {}
         """What ⏎ does, by row."""
 
@@ -314,7 +314,7 @@ class UserPage(PlainPage):
         self.app.ask(question, partial(self.desk.decide_order, order))
 
     def _show(self, behaviour: Behaviour) -> None:
-        self.app.push_screen(DoingPage(behaviour))
+        self.app.push_screen(DoingPage(self.desk, behaviour))
 
     def _role(self, name: str, why: str) -> None:
         if why:
@@ -344,9 +344,9 @@ class DoingPage(PlainPage):
     KEYS_OF: ClassVar[str] = "doing"
     BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
 
-    def __init__(self, behaviour: Behaviour) -> None:
+    def __init__(self, desk: UserDesk, behaviour: Behaviour) -> None:
         """Take what can be done."""
-        super().__init__()
+        super().__init__(desk)
         self.behaviour = behaviour
         self._sent = False
 
