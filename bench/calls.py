@@ -10,27 +10,23 @@ they are no dependencies). Times in us: the fastest and the median.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import cProfile
-import multiprocessing
 import os
 import pstats
 import queue
 import socket
 import statistics
 import sys
-import tempfile
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import zenoh
+from measuring import apart, be_robot, clock, options, started, stay, zenoh_peer
 
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
@@ -73,12 +69,7 @@ class Chained(VirtualRobot):
     @command
     def measure(self, repeats: int) -> Any:
         """Call the child many times; the times of all calls [us]."""
-        times = []
-        for _ in range(repeats):
-            began = time.perf_counter()
-            self.below.step(x=1.0)
-            times.append((time.perf_counter() - began) * 1e6)
-        return times
+        return clock(lambda: self.below.step(x=1.0), repeats)
 
     @command
     def profile(self) -> Any:
@@ -120,12 +111,12 @@ def token_passing() -> list[float]:
 
     thread = threading.Thread(target=echo)
     thread.start()
-    times = []
-    for _ in range(REPEATS):
-        began = time.perf_counter()
+
+    def trip() -> None:
         there.put(1)
         back.get()
-        times.append((time.perf_counter() - began) * 1e6)
+
+    times = clock(trip, REPEATS)
     there.put(0)
     thread.join()
     return times
@@ -141,29 +132,28 @@ def bare_sockets(size: int) -> list[float]:
         os._exit(0)
     theirs.close()
     body = bytes(size)
-    times = []
-    for _ in range(REPEATS):
-        began = time.perf_counter()
+
+    def trip() -> None:
         ours.sendall(body)
         got = 0
         while got < size:
             got += len(ours.recv(65536))
-        times.append((time.perf_counter() - began) * 1e6)
+
+    times = clock(trip, REPEATS)
     ours.close()
     os.wait()
     return times
 
 
-def be_zenoh(root: str, ready: Any, enough: Any) -> None:
+def be_zenoh(root: str) -> None:
     """A process that answers Zenoh queries in Zenoh's own thread."""
-    with zenoh.open(zenoh_config(root, listen=True)) as session:
+    with zenoh.open(zenoh_peer(root, listen=True)) as session:
         answer = zenoh.handlers.Callback(lambda query: query.reply("far", query.payload), indirect=False)
         session.declare_queryable("far", answer)
-        ready.set()
-        enough.wait()
+        stay()
 
 
-def be_pyro(root: str, ready: Any, enough: Any) -> None:
+def be_pyro(root: str) -> None:
     """A process with one Pyro5 object, on a Unix socket."""
     import Pyro5.api
 
@@ -176,11 +166,11 @@ def be_pyro(root: str, ready: Any, enough: Any) -> None:
 
     daemon = Pyro5.api.Daemon(unixsocket=f"{root}/pyro")
     daemon.register(Echo(), "far")
-    ready.set()
-    daemon.requestLoop(lambda: not enough.is_set())
+    print("ready", flush=True)
+    daemon.requestLoop()
 
 
-def be_grpc(root: str, ready: Any, enough: Any) -> None:
+def be_grpc(root: str) -> None:
     """A process with one gRPC method that takes and gives bytes, on a Unix socket."""
     from concurrent.futures import ThreadPoolExecutor
 
@@ -191,27 +181,13 @@ def be_grpc(root: str, ready: Any, enough: Any) -> None:
     server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler("far", {"step": method}),))
     server.add_insecure_port(f"unix:{root}/grpc")
     server.start()
-    ready.set()
-    enough.wait()
-    server.stop(None)
-
-
-def zenoh_config(root: str, *, listen: bool) -> zenoh.Config:
-    """Two peers over one Unix socket."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"peer"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("scouting/gossip/enabled", "false")
-    here = f'["unixsock-stream/{root}/zenoh"]'
-    config.insert_json5("listen/endpoints", here if listen else "[]")
-    config.insert_json5("connect/endpoints", "[]" if listen else here)
-    return config
+    stay()
 
 
 def peers(root: str, size: int) -> dict[str, Callable[[], object]]:
     """Connect to those of the others that are there; returns one round trip of each."""
     body = bytes(size)
-    session = zenoh.open(zenoh_config(root, listen=False))
+    session = zenoh.open(zenoh_peer(root, listen=False))
 
     def query() -> None:
         done = threading.Event()
@@ -235,34 +211,18 @@ def peers(root: str, size: int) -> dict[str, Callable[[], object]]:
     return trips
 
 
-def clock(trip: Callable[[], object]) -> list[float]:
-    """Return how long each of many round trips took [us]."""
-    times = []
-    for _ in range(REPEATS):
-        began = time.perf_counter()
-        trip()
-        times.append((time.perf_counter() - began) * 1e6)
-    return times
+BE: dict[str, Callable[[str], None]] = {
+    "far": lambda _: asyncio.run(be_robot(Leaf("far"))),
+    "zenoh": be_zenoh,
+    "Pyro5": be_pyro,
+    "grpc": be_grpc,
+}
+"""What runs in another process, by the word that starts it; the last two if they are installed."""
 
 
-def far_leaf(root: str, ready: Any, enough: Any) -> None:
-    """A process with one robot."""
-
-    async def live() -> None:
-        transport = await join("bench", root=Path(root))
-        agent = RobotAgent(Leaf("far"), transport)
-        await agent.start()
-        ready.set()
-        await asyncio.get_running_loop().run_in_executor(None, enough.wait)
-        await agent.close()
-        await transport.close()
-
-    asyncio.run(live())
-
-
-async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
+async def measure(rounds: int, root: str) -> dict[str, list[float]]:
     """Measure all in turns."""
-    transport = await join("bench", root=root)
+    transport = await join()
     process = Process()
     results: dict[str, list[float]] = {}
     tops: dict[str, Any] = {}
@@ -282,7 +242,7 @@ async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
     call = Call(key="k" * 18, command="step", arguments={"x": 1.0}, epoch=1, deadline=60.0)
     size = len(seal(call, now=0.0, within=5.0, sender=far.key).body)
 
-    others = peers(str(root), size)
+    others = peers(root, size)
 
     def note(name: str, times: list[float]) -> None:
         results.setdefault(name, []).extend(times)
@@ -291,7 +251,7 @@ async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
         note("two threads pass a token", await asyncio.to_thread(token_passing))
         note("bare sockets, two processes", await asyncio.to_thread(bare_sockets, size))
         for name, trip in others.items():
-            note(name, await asyncio.to_thread(clock, trip))
+            note(name, await asyncio.to_thread(clock, trip, REPEATS))
         for name, client in tops.items():
             note(name, await client.call("measure", {"repeats": REPEATS}))
     functions, files = await tops["nested child call"].call("profile", {})
@@ -302,44 +262,30 @@ async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
     return results
 
 
-def main() -> int:
+def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, default=10)
-    rounds = parser.parse_args().rounds
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-        root = Path(folder, "run")
-        root.mkdir(mode=0o700)
-        context = multiprocessing.get_context("spawn")
-        enough = context.Event()
-        servers = [far_leaf, be_zenoh]
-        servers += [serve for name, serve in (("Pyro5", be_pyro), ("grpc", be_grpc)) if find_spec(name)]
-        processes = []
-        for serve in servers:
-            ready = context.Event()
-            processes.append(context.Process(target=serve, args=(str(root), ready, enough), daemon=True))
-            processes[-1].start()
-            ready.wait(20)
-        try:
+    rounds = options(__doc__, rounds=10).rounds
+    with apart() as folder:
+        root = str(folder)
+        others = [word for word in BE if word in {"far", "zenoh"} or find_spec(word)]
+        with started(*((__file__, word, root) for word in others)):
             results = asyncio.run(measure(rounds, root))
-        finally:
-            enough.set()
-            for process in processes:
-                process.join(10)
     medians = {name: statistics.median(times) for name, times in results.items()}
     for name, times in results.items():
         if len(times) == 1:
-            sys.stdout.write(f"{name:<42} {times[0]:8.0f}\n")
+            print(f"{name:<42} {times[0]:8.0f}")
         else:
-            sys.stdout.write(f"{name:<42} {min(times):8.1f} {medians[name]:8.1f} us\n")
+            print(f"{name:<42} {min(times):8.1f} {medians[name]:8.1f} us")
     nested = medians["nested child call"]
-    sys.stdout.write(f"chain of 8 / one call: {medians['chain of 8, nested'] / nested:.1f}\n")
+    print(f"chain of 8 / one call: {medians['chain of 8, nested'] / nested:.1f}")
     far = medians["call of a child in another process"]
     for name, median in medians.items():
         if name.endswith("two processes"):
-            sys.stdout.write(f"another process / {name}: {far / median:.2f}\n")
-    return 0
+            print(f"another process / {name}: {far / median:.2f}")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    if sys.argv[1:2] and sys.argv[1] in BE:
+        BE[sys.argv[1]](sys.argv[2])
+    else:
+        main()

@@ -9,15 +9,12 @@ fastest tenth, which is what is left where other programs run beside it.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import statistics
-import sys
-import tempfile
-from pathlib import Path
 from typing import Any
 
 from calls import Chained, Leaf
+from measuring import apart, options
 
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.exchange.client import RobotClient
@@ -46,9 +43,9 @@ async def pair(transport: Any, process: Process, name: str, *, keeps: bool) -> R
     return client
 
 
-async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
+async def measure(rounds: int) -> dict[str, list[float]]:
     """Measure both in turns; the times of all calls [us]."""
-    transport, process = await join("bench", root=root), Process()
+    transport, process = await join(), Process()
     chains = {
         name: await pair(transport, process, name, keeps=name == "with") for name in ("with", "without")
     }
@@ -61,25 +58,17 @@ async def measure(rounds: int, root: Path) -> dict[str, list[float]]:
     return times
 
 
-def main() -> int:
+def main() -> None:
     """Print both, and their ratio."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, default=200)
-    rounds = parser.parse_args().rounds
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-        root = Path(folder, "run")
-        root.mkdir(mode=0o700)
-        times = asyncio.run(measure(rounds, root))
+    with apart():
+        times = asyncio.run(measure(options(__doc__, rounds=200).rounds))
     tenth = {name: statistics.mean(sorted(found)[: len(found) // 10]) for name, found in times.items()}
     median = {name: statistics.median(found) for name, found in times.items()}
     for name in times:
-        sys.stdout.write(
-            f"{name:8} a log: fastest tenth {tenth[name]:6.2f} us, median {median[name]:6.2f} us\n"
-        )
+        print(f"{name:8} a log: fastest tenth {tenth[name]:6.2f} us, median {median[name]:6.2f} us")
     ratios = (tenth["with"] / tenth["without"], median["with"] / median["without"])
-    sys.stdout.write("ratio          {:22.3f} {:17.3f}\n".format(*ratios))
-    return 0
+    print("ratio          {:22.3f} {:17.3f}".format(*ratios))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

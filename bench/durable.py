@@ -1,6 +1,6 @@
 """What it costs that a host keeps its robots, and how soon a command goes on after `kill -9`.
 
-    python bench/durable.py [--rounds N] [--restarts N] [--steps N] [--dbos] [--json]
+    python bench/durable.py [--rounds N] [--restarts N] [--dbos]
 
 Two hosts, one with a journal and one without, take the same calls in turns, in one run. An intent, which a
 command keeps for good before it asks for something that adds up, is measured in turns with a bare write and
@@ -11,18 +11,18 @@ takes to start with an empty script, and a host without robots to be ready.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
-import json
 import os
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 import venv
 from pathlib import Path
 from typing import Any
+
+from hosts import REPEATS, HostProcess, bind, counters, next_effect
+from measuring import apart, clock, memory, options, quantile, tell
 
 from robotree.client.joining import joined
 from robotree.vr.base.address import Address
@@ -35,17 +35,10 @@ from robotree.vr.journal.records import KeptPage
 from robotree.vr.running.runner import Threads
 from robotree.vr.supervision.realm_client import RealmClient
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from bench import hosts
-from bench.hosts import BETWEEN, REPEATS, HostProcess, counters, next_effect
-
 LONG = 10_000
 """Steps of the long command."""
 CROWD = 50
 """Robots that take steps at the same time."""
-ENDLESS = 1_000_000
-"""Steps of a command that goes on and on."""
-
 
 DBOS_PROGRAM = """
 import sys, time
@@ -83,16 +76,6 @@ time.sleep(60)
 """Times a step, then acts for ever; started again with 0, it goes on with that."""
 
 
-async def bind(realm_client: RealmClient, host: HostProcess, top: str, bottom: str) -> None:
-    """Make a robot on a host, on top of another one that is there or is made there, too."""
-    while not realm_client.directory.present("host", host.name):  # noqa: ASYNC110 # a table, which tells nobody
-        await asyncio.sleep(0.01)
-    if not realm_client.directory.present("robot", bottom):
-        await realm_client.create(hosts.__file__, bottom, host.name, "Bottom")
-    await realm_client.create(hosts.__file__, top, host.name, "Top")
-    await realm_client.enslave(top, "below", bottom)
-
-
 async def calls(
     realm_client: RealmClient, kept: HostProcess, bare: HostProcess, rounds: int
 ) -> dict[str, Any]:
@@ -111,16 +94,11 @@ async def calls(
                     await realm_client.call(name, "measure", {"repeats": REPEATS})
                 )
                 sizes[name] = host.size - before
-        times.setdefault("once", []).extend(
-            await realm_client.call(f"far-{kept.name}", "measure_once", {"repeats": REPEATS})
-        )
     found: dict[str, Any] = {}
     for way in ("near", "far"):
         with_it, without = (statistics.median(times[f"{way}-{host.name}"]) for host in (kept, bare))
         found |= {f"{way} kept us": with_it, f"{way} bare us": without, f"{way} ratio": with_it / without}
         found[f"{way} bytes"] = sizes[f"{way}-{kept.name}"] / REPEATS
-    found["far once us"] = statistics.median(times["once"])
-    found["far once more us"] = found["far once us"] - found["far kept us"]
     return found
 
 
@@ -132,22 +110,6 @@ async def crowd(realm_client: RealmClient, host: HostProcess, steps: int = 400) 
     began = time.monotonic()
     await asyncio.gather(*(realm_client.call(name, "count", {"steps": steps}) for name in names))
     return {f"{CROWD} robots, steps/s": CROWD * steps / (time.monotonic() - began)}
-
-
-async def endless(realm_client: RealmClient, host: HostProcess, steps: int) -> dict[str, float]:
-    """Have one robot take many steps with checkpoints: what it leaves in memory and on the disk."""
-    await bind(realm_client, host, "endless", "below-endless")
-    await realm_client.call("endless", "go_on", {"steps": BETWEEN})
-    memory, largest = host.memory, 0
-    call = asyncio.ensure_future(realm_client.call("endless", "go_on", {"steps": steps}, deadline=3600.0))
-    while not call.done():
-        await asyncio.wait({call}, timeout=0.2)
-        largest = max(largest, host.size)
-    await call
-    return {
-        "endless MB of log at most": largest / 1e6,
-        "endless MB more memory": (host.memory - memory) / 1e6,
-    }
 
 
 def intents(folder: Path, count: int) -> dict[str, float]:
@@ -167,15 +129,9 @@ def intents(folder: Path, count: int) -> dict[str, float]:
         step = StepResult("begun", None, "robot/arm-1/0123456789")
         intent = StepTaken(key="k", path=f"{number}~", step=step)
         before = journal.size
-        began = time.perf_counter()
-        journal.append(key, 1.0, intent)
-        journal.sync()
-        times["journal"].append((time.perf_counter() - began) * 1e6)
+        times["journal"] += clock(lambda intent=intent: (journal.append(key, 1.0, intent), journal.sync()), 1)
         body = bytes(journal.size - before)
-        began = time.perf_counter()
-        os.write(bare, body)
-        os.fdatasync(bare)
-        times["bare"].append((time.perf_counter() - began) * 1e6)
+        times["bare"] += clock(lambda body=body: (os.write(bare, body), os.fdatasync(bare)), 1)
     os.close(bare)
     journal.close()
     kept, floor = (statistics.median(times[way]) for way in ("journal", "bare"))
@@ -197,14 +153,14 @@ async def killed(realm_client: RealmClient, host: HostProcess, count: int) -> di
     found: dict[str, Any] = {}
     for name, steps in (("short", 0), ("long", LONG)):
         await bind(realm_client, host, f"patrol-{name}", f"far-of-{name}")
-        before, memory, began = host.size, host.memory, time.monotonic()
+        before, empty, began = host.size, memory(host.process.pid), time.monotonic()
         call = asyncio.ensure_future(
             realm_client.call(f"patrol-{name}", "patrol", {"steps": steps}, deadline=600.0)
         )
         await next_effect(began)
         if steps:
             found["step bytes"] = (host.size - before) / steps
-            found["memory of a step, bytes"] = (host.memory - memory) / steps
+            found["memory of a step, bytes"] = (memory(host.process.pid) - empty) / steps
         effects, ready, reading = [], [], []
         for _ in range(max(3, count // 3 if steps else count)):
             await asyncio.sleep(0.1)
@@ -213,8 +169,10 @@ async def killed(realm_client: RealmClient, host: HostProcess, count: int) -> di
             began = time.monotonic()
             ready.append(await asyncio.to_thread(host.start))
             effects.append(await next_effect(began) - began)
-        quantiles = statistics.quantiles(effects, n=20, method="inclusive")
-        found |= {f"{name} effect p50 s": quantiles[9], f"{name} effect p95 s": quantiles[18]}
+        found |= {
+            f"{name} effect p50 s": statistics.median(effects),
+            f"{name} effect p95 s": quantile(effects, 0.95),
+        }
         found |= {f"{name} ready s": statistics.median(ready), f"{name} read s": statistics.median(reading)}
         await realm_client.cancel(f"patrol-{name}")
         await asyncio.gather(call, return_exceptions=True)
@@ -265,7 +223,7 @@ def bare_starts() -> dict[str, float]:
     return {"python s": statistics.median(python), "empty host ready s": statistics.median(host)}
 
 
-async def measure(folder: Path, rounds: int, count: int, steps: int) -> dict[str, Any]:
+async def measure(folder: Path, rounds: int, count: int) -> dict[str, Any]:
     """Measure all."""
     found: dict[str, Any] = {**bare_starts(), **intents(folder, rounds * 50)}
     kept, bare = HostProcess("kept", folder / "kept", past=True), HostProcess("bare", None)
@@ -276,7 +234,6 @@ async def measure(folder: Path, rounds: int, count: int, steps: int) -> dict[str
         try:
             found |= await calls(realm_client, kept, bare, rounds)
             found |= await crowd(realm_client, kept)
-            found |= await endless(realm_client, kept, steps)
         finally:
             for host in (kept, bare):
                 host.kill()
@@ -284,29 +241,15 @@ async def measure(folder: Path, rounds: int, count: int, steps: int) -> dict[str
     return found
 
 
-def main() -> int:
+def main() -> None:
     """Print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, default=20)
-    parser.add_argument("--restarts", type=int, default=20)
-    parser.add_argument("--steps", type=int, default=ENDLESS, help="of the command that goes on and on")
-    parser.add_argument("--dbos", action="store_true", help="measure DBOS, too, in an environment of its own")
-    parser.add_argument("--json", action="store_true")
-    chosen = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-        runtime = Path(folder, "run")
-        runtime.mkdir(mode=0o700)
-        os.environ |= {"XDG_RUNTIME_DIR": str(runtime), "ROBOTREE_REALM": "bench"}
-        found = asyncio.run(measure(Path(folder), chosen.rounds, chosen.restarts, chosen.steps))
-        if chosen.dbos:
-            found |= beside_dbos(Path(folder))
-    if chosen.json:
-        print(json.dumps(found))
-    else:
-        for name, value in found.items():
-            print(f"{name:32} {value:12.3f}")
-    return 0
+    given = options(__doc__, rounds=20, restarts=20, dbos=False)
+    with apart() as folder:
+        found = asyncio.run(measure(folder, given.rounds, given.restarts))
+        if given.dbos:
+            found |= beside_dbos(folder)
+    tell(found)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

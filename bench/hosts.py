@@ -1,18 +1,17 @@
 """Hosts in processes of their own, the robots that they run, and the counter that these call: for benches.
 
-python bench/hosts.py NAME FOLDER LOG URL REALM PAST     what `HostProcess` starts
+python bench/hosts.py NAME FOLDER LOG URL PAST     what `HostProcess` starts
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from pathlib import Path
 
 from robotree.vr import Child, Robot, VirtualRobot, command
@@ -20,11 +19,10 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import Keeping, place_of, run_host
 from robotree.vr.agents.standby import SHORTEST_AFTER
 from robotree.vr.network.local import join
+from robotree.vr.supervision.realm_client import RealmClient
 
 REPEATS = 200
 """Calls in one measurement."""
-BETWEEN = 1_000
-"""Steps between two checkpoints of a command that goes on and on."""
 
 
 class Counter(Robot):
@@ -38,11 +36,6 @@ class Counter(Robot):
         Counter.moments.append(time.monotonic())
         return x
 
-    @command
-    def act(self, x: float = 0.0) -> float:
-        """Do what adds up, as far as its callers know."""
-        return x
-
 
 class Bottom(VirtualRobot):
     """The end of a nested chain, in the host."""
@@ -50,11 +43,6 @@ class Bottom(VirtualRobot):
     @command(effect="repeat")
     def step(self, x: float = 0.0) -> float:
         """Return the argument."""
-        return x
-
-    @command
-    def act(self, x: float = 0.0) -> float:
-        """Return the argument, too."""
         return x
 
 
@@ -66,26 +54,18 @@ class Top(VirtualRobot):
     @command
     def measure(self, repeats: int) -> list[float]:
         """Call the child many times; the times of all calls [us]."""
-        return _timed(lambda: self.below.step(x=1.0), repeats)
-
-    @command
-    def measure_once(self, repeats: int) -> list[float]:
-        """Have the child do what adds up, many times; the times of all calls [us]."""
-        return _timed(lambda: self.below.act(x=1.0), repeats)
+        times: list[float] = []
+        for _ in range(repeats):
+            began = time.perf_counter()
+            self.below.step(x=1.0)
+            times.append((time.perf_counter() - began) * 1e6)
+        return times
 
     @command
     def count(self, steps: int) -> None:
         """Call the child many times."""
         for _ in range(steps):
             self.below.step(x=1.0)
-
-    @command
-    def go_on(self, steps: int) -> None:
-        """Take many steps, of which only those since the last checkpoint are kept."""
-        for number in range(steps):
-            if number % BETWEEN == 0:
-                self.checkpoint()
-            self.random()
 
     @command
     def patrol(self, steps: int = 0) -> None:
@@ -109,14 +89,13 @@ class Top(VirtualRobot):
         return acts
 
 
-def _timed(call: Callable[[], object], repeats: int) -> list[float]:
-    """Return how long each call takes [us]."""
-    times: list[float] = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        call()
-        times.append((time.perf_counter() - began) * 1e6)
-    return times
+async def bind(realm_client: RealmClient, host: HostProcess, top: str, bottom: str) -> None:
+    """Make a robot on a host, on top of another one that is there or is made there, too."""
+    await realm_client.arrival("host", host.name, within=60.0)
+    if not realm_client.directory.present("robot", bottom):
+        await realm_client.create(__file__, bottom, host.name, "Bottom")
+    await realm_client.create(__file__, top, host.name, "Top")
+    await realm_client.enslave(top, "below", bottom)
 
 
 async def next_effect(after: float, within: float = 60.0) -> float:
@@ -128,9 +107,9 @@ async def next_effect(after: float, within: float = 60.0) -> float:
 
 
 @contextlib.asynccontextmanager
-async def counters(*names: str, realm: str | None = None) -> AsyncGenerator[None]:
+async def counters(*names: str) -> AsyncGenerator[None]:
     """Have counters in this process."""
-    transport = await join(realm)
+    transport = await join()
     agents = [RobotAgent(Counter(name), transport) for name in names]
     try:
         for agent in agents:
@@ -152,7 +131,6 @@ class HostProcess:
         *,
         of: str = "",
         url: str = "",
-        realm: str = "",
         past: bool = False,
     ) -> None:
         """Prepare it.
@@ -162,11 +140,10 @@ class HostProcess:
             folder: of its journal; None: it keeps nothing.
             of: name of the host for which it stands by.
             url: of the database of its journal, instead of the folder.
-            realm: empty: that of the environment.
             past: whether it keeps what its robots did, too.
         """
         self.name, self.folder = name, folder
-        self._words = [name, str(folder or ""), of, url, realm, "past" * past]
+        self._words = [name, str(folder or ""), of, url, "past" * past]
 
     def start(self) -> float:
         """Start it; returns after how long it was ready, or stood by [s]."""
@@ -186,31 +163,18 @@ class HostProcess:
         """[bytes] of its log."""
         return 0 if self.folder is None else sum(file.stat().st_size for file in self.folder.glob("*.log"))
 
-    @property
-    def memory(self) -> int:
-        """[bytes] of its resident set."""
-        pages = int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1])
-        return pages * os.sysconf("SC_PAGE_SIZE")
-
-    @property
-    def used(self) -> float:
-        """[s] of processor time that it has had (proc_pid_stat(5))."""
-        words = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
-
 
 def main() -> None:
     """Be a host."""
-    name, folder, of, url, realm, past = sys.argv[1:]
+    name, folder, of, url, past = sys.argv[1:]
     kept = Path(folder) if folder else None
     place = place_of(kept, url, of or name)
     keep = None if place is None else Keeping(place, of, SHORTEST_AFTER)
-    past_in = kept if past else None
-    asyncio.run(
-        run_host(
-            name, realm=realm or None, keep=keep, past=past_in, ready=lambda _: print("ready", flush=True)
-        )
-    )
+
+    def ready(_: object) -> None:
+        print("ready", flush=True)
+
+    asyncio.run(run_host(name, keep=keep, past=kept if past else None, ready=ready))
 
 
 if __name__ == "__main__":

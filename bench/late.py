@@ -8,20 +8,13 @@ of its own (a pty), as a person sees it.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
-import fcntl
 import os
-import pty
-import select
 import signal
 import statistics
-import struct
-import sys
-import tempfile
-import termios
 import time
-from pathlib import Path
+
+from measuring import Terminal, apart, options
 
 from robotree.tui.processes.crew import Crew
 
@@ -34,60 +27,34 @@ SPREAD = 0.037
 """[s] by which each stop is later within the beat than the one before."""
 
 
-class Screen:
-    """The full screen in a terminal."""
+def until(screen: Terminal, *words: bytes) -> float:
+    """Read until one of the words is drawn; returns how long that took [s].
 
-    def __init__(self) -> None:
-        """Start it."""
-        self.pid, self.fd = pty.fork()
-        if self.pid == 0:
-            os.environ.update(TERM="xterm-256color", COLORTERM="truecolor")
-            words = [sys.executable, "-m", "robotree.tui", "--realm", REALM]
-            os.execv(sys.executable, words)  # noqa: S606 # our own program
-        fcntl.ioctl(self.fd, termios.TIOCSWINSZ, struct.pack("HHHH", 48, 160, 0, 0))
-
-    def until(self, *words: bytes) -> float:
-        """Read until one of the words is drawn; returns how long that took [s].
-
-        Raises:
-            TimeoutError: none was.
-        """
-        began, heard = time.monotonic(), b""
-        while not any(word in heard for word in words):
-            if time.monotonic() > began + SHOWN:
-                raise TimeoutError(words)
-            if select.select([self.fd], [], [], 0.05)[0]:
-                heard = heard[-4096:] + os.read(self.fd, 1 << 16)
-        return time.monotonic() - began
-
-    def rest(self, seconds: float) -> None:
-        """Read on for a while."""
-        until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0:
-            if select.select([self.fd], [], [], left)[0]:
-                os.read(self.fd, 1 << 16)
-
-    def end(self) -> None:
-        """End it."""
-        os.kill(self.pid, signal.SIGKILL)
-        os.waitpid(self.pid, 0)
-        os.close(self.fd)
+    Raises:
+        TimeoutError: none was.
+    """
+    began, heard = time.monotonic(), b""
+    while not any(word in heard for word in words):
+        if time.monotonic() > began + SHOWN:
+            raise TimeoutError(words)
+        heard = heard[-4096:] + screen.read(0.05)
+    return time.monotonic() - began
 
 
 def measure(proxy: int, times: int) -> list[float]:
     """Stop and wake the proxy of a robot; return how long each stop was not to be seen [s]."""
-    screen, took = Screen(), list[float]()
+    screen, took = Terminal(("-m", "robotree.tui"), (160, 48)), list[float]()
     try:
-        screen.until(b"arm-1")
-        screen.rest(3.0)
+        until(screen, b"arm-1")
+        screen.drain(3.0)
         for number in range(times):
-            screen.rest(SPREAD * (number % 7))
+            screen.drain(SPREAD * (number % 7))
             os.kill(proxy, signal.SIGSTOP)
             try:
-                took.append(screen.until(b"late", b"HANGS"))
+                took.append(until(screen, b"late", b"HANGS"))
             finally:
                 os.kill(proxy, signal.SIGCONT)
-            screen.rest(AWAKE)
+            screen.drain(AWAKE)
     finally:
         screen.end()
     return sorted(took)
@@ -95,12 +62,9 @@ def measure(proxy: int, times: int) -> list[float]:
 
 async def main() -> None:
     """Start a cell, and print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--times", type=int, default=20)
-    times = parser.parse_args().times
-    with tempfile.TemporaryDirectory(prefix="rt-") as apart:
-        os.environ.update(XDG_RUNTIME_DIR=apart, XDG_STATE_HOME=apart)
-        async with Crew(REALM, Path(apart)) as crew:
+    times = options(__doc__, times=20).times
+    with apart(REALM) as folder:
+        async with Crew(REALM, folder) as crew:
             arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--open")
             line = ("proxy", "arm", "arm-1", "--connect", arm.address, "--open")
             _, proxy = await crew.start_all(("lookup", "lookup-1"), line)

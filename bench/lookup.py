@@ -10,13 +10,11 @@ it hears 261 (Apache River 2.2.3, warm JVM, transient).
 from __future__ import annotations
 
 import asyncio
-import os
-import signal
 import statistics
 import sys
-import tempfile
 import time
-from collections.abc import Awaitable, Callable
+
+from measuring import Process, apart, clocked, count_given, end, quantile, start, started, stay, until
 
 from robotree.vr.agents.run import run_lookup
 from robotree.vr.base.address import Address
@@ -46,42 +44,13 @@ def listing(name: str, revision: int = 1) -> Listing:
 
 def show(what: str, seconds: list[float]) -> None:
     """Print one line of the table."""
-    ordered = sorted(seconds)
-    ninth = ordered[int(len(ordered) * 0.9)]
-    print(f"{what:48} {statistics.median(ordered) * 1e6:9.0f} {ninth * 1e6:9.0f}  us  n={len(ordered)}")
+    median, ninth = statistics.median(seconds) * 1e6, quantile(seconds, 0.9) * 1e6
+    print(f"{what:48} {median:9.0f} {ninth:9.0f}  us  n={len(seconds)}")
 
 
-async def clocked(repetitions: int, action: Callable[[int], Awaitable[object]]) -> list[float]:
-    """Return how long each repetition took [s]."""
-    taken: list[float] = []
-    for number in range(repetitions):
-        begin = time.perf_counter()
-        await action(number)
-        taken.append(time.perf_counter() - begin)
-    return taken
-
-
-async def start(*words: str) -> asyncio.subprocess.Process:
-    """Start this file as a member of the realm, and wait until it is up."""
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, __file__, *words),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-    )
-    if process.stdout is not None:
-        await process.stdout.readline()
-    return process
-
-
-async def be(word: str) -> None:
-    """Be a member until the standard input closes."""
-    if word == "lookup":
-        work = asyncio.ensure_future(run_lookup("bench", ready=lambda _: print("ready", flush=True)))
-    else:
-        work = asyncio.ensure_future(echo())
-    await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
-    work.cancel()
-    await asyncio.gather(work, return_exceptions=True)
+def told(_: object) -> None:
+    """Say that the lookup service is there."""
+    print("ready", flush=True)
 
 
 async def echo() -> None:
@@ -91,13 +60,9 @@ async def echo() -> None:
         respond(body)
 
     transport = await join()
-    try:
-        await transport.serve("robot/echo/1", on_loop(handler))
-        await transport.announce("robot/echo/1")
-        print("ready", flush=True)
-        await asyncio.get_running_loop().create_future()
-    finally:
-        await transport.close()
+    await transport.serve("robot/echo/1", on_loop(handler))
+    await transport.announce("robot/echo/1")
+    await asyncio.to_thread(stay)
 
 
 async def measure_requests(transport: LocalTransport, service: str, repetitions: int) -> None:
@@ -166,45 +131,37 @@ async def measure_deaths(transport: LocalTransport, repetitions: int) -> None:
     gone = asyncio.Event()
     transport.presence.watch("robot/echo/*", lambda _, there: None if there else gone.set())
     for _ in range(repetitions):
-        process = await start("echo")
-        while not transport.presence.keys("robot/echo/*"):  # noqa: ASYNC110 # it is asked, not told
-            await asyncio.sleep(0.005)
+        process = await asyncio.to_thread(start, __file__, "echo")
+        await until(lambda: transport.presence.keys("robot/echo/*"))
         gone.clear()
         begin = time.perf_counter()
-        process.send_signal(signal.SIGKILL)
+        process.kill()
         await gone.wait()
         taken.append(time.perf_counter() - begin)
-        await process.wait()
+        end([process])
     show("kill -9 until it is missed", taken)
 
 
-async def main(repetitions: int) -> None:
+async def main(repetitions: int, echoing: Process) -> None:
     """Measure everything."""
-    processes = [await start("lookup"), await start("echo")]
     transport, other = await join(), await join()
     onlooker = Directory(other)
-    try:
-        await onlooker.start()
-        (service,) = transport.presence.keys("lookup/*/*")
-        await measure_events(transport, onlooker, repetitions // 4)
-        await measure_requests(transport, service, repetitions)
-        await onlooker.close()
-        processes[1].kill()
-        await measure_deaths(transport, 20)
-    finally:
-        await onlooker.close()
-        await transport.close()
-        await other.close()
-        for process in processes:
-            if process.returncode is None:
-                process.kill()
-            await process.wait()
+    await onlooker.start()
+    (service,) = transport.presence.keys("lookup/*/*")
+    await measure_events(transport, onlooker, repetitions // 4)
+    await measure_requests(transport, service, repetitions)
+    await onlooker.close()
+    echoing.kill()
+    await measure_deaths(transport, 20)
+    await transport.close()
+    await other.close()
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1 and not sys.argv[1].isdigit():
-        asyncio.run(be(sys.argv[1]))
+    if sys.argv[1:] == ["lookup"]:
+        asyncio.run(run_lookup("bench", ready=told))
+    elif sys.argv[1:] == ["echo"]:
+        asyncio.run(echo())
     else:
-        with tempfile.TemporaryDirectory() as runtime:
-            os.environ["XDG_RUNTIME_DIR"] = runtime
-            asyncio.run(main(int(sys.argv[1]) if len(sys.argv) > 1 else 1000))
+        with apart(), started((__file__, "lookup"), (__file__, "echo")) as (_, echoing):
+            asyncio.run(main(count_given(1, 1000), echoing))

@@ -1,6 +1,6 @@
 """How long a robot pauses when it moves between two hosts, and how long a host takes that all robots leave.
 
-    python bench/migrate.py [--moves N] [--robots N] [--json]
+    python bench/migrate.py [--moves N] [--robots N]
 
 A robot walks over a child in a third process and moves to and fro in the middle of its command. The pause is
 what the hosts measure: from the moment when its code is to come to a stand to the one when the other host
@@ -9,26 +9,19 @@ says that it has it. Beside it a bare call of the child, and a bare fdatasync(2)
 
 from __future__ import annotations
 
-import argparse
 import asyncio
-import json
 import os
 import re
 import statistics
-import sys
-import tempfile
 import time
 from pathlib import Path
-from typing import Any
+
+import hosts
+from hosts import HostProcess, counters
+from measuring import apart, clock, cpu, options, quantile, tell
 
 from robotree.client.joining import joined
 from robotree.vr.supervision.realm_client import RealmClient
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from bench import hosts
-from bench.hosts import HostProcess, counters
-
-REALM = "bench-migrate"
 
 
 async def moved(realm_client: RealmClient, moves: int) -> dict[str, float]:
@@ -49,12 +42,11 @@ async def moved(realm_client: RealmClient, moves: int) -> dict[str, float]:
     await realm_client.cancel("walker")
     await asyncio.gather(walk, return_exceptions=True)
     first, *warm = pauses
-    warm.sort()
     return {
-        "first_ms": first,
-        "p50_ms": statistics.median(warm),
-        "p99_ms": warm[min(len(warm) - 1, int(len(warm) * 0.99))],
-        "call_us": bare,
+        "pause, first, ms": first,
+        "pause, p50, ms": statistics.median(warm),
+        "pause, p99, ms": quantile(warm, 0.99),
+        "bare call of the child, us": bare,
     }
 
 
@@ -64,10 +56,8 @@ def synced(folder: Path, rounds: int = 50) -> float:
     with (folder / "bare").open("ab", buffering=0) as file:
         for _ in range(rounds):
             file.write(bytes(4000))
-            began = time.perf_counter()
-            os.fdatasync(file.fileno())
-            times.append((time.perf_counter() - began) * 1e3)
-    return statistics.median(times)
+            times += clock(lambda: os.fdatasync(file.fileno()), 1)
+    return statistics.median(times) / 1e3
 
 
 async def left(realm_client: RealmClient, robots: int, homes: list[HostProcess]) -> dict[str, float]:
@@ -75,52 +65,30 @@ async def left(realm_client: RealmClient, robots: int, homes: list[HostProcess])
     for start in range(0, robots, 20):
         names = [f"idle-{number}" for number in range(start, min(start + 20, robots))]
         await asyncio.gather(*(realm_client.create(hosts.__file__, name, "h1", "Bottom") for name in names))
-    before, began = [host.used for host in homes], time.perf_counter()
+    before, began = [cpu(host.process.pid) for host in homes], time.perf_counter()
     gone = await realm_client.drain("h1")
     seconds = time.perf_counter() - began
-    most = max(host.used - used for host, used in zip(homes, before, strict=True))
-    return {"robots": float(len(gone)), "seconds": seconds, "cpu_s": most}
+    most = max(cpu(host.process.pid) - used for host, used in zip(homes, before, strict=True))
+    return {f"{len(gone)} robots have left, s": seconds, "processor of the busier host, s": most}
 
 
-async def run(moves: int, robots: int) -> dict[str, Any]:
+async def run(folder: Path, moves: int, robots: int) -> dict[str, float]:
     """Start all, and measure."""
-    with tempfile.TemporaryDirectory() as folder:
-        homes = [HostProcess(name, Path(folder, name), realm=REALM) for name in ("h1", "h2")]
-        async with counters("counter", realm=REALM), joined(REALM) as realm_client:
-            try:
-                for host in homes:
-                    host.start()
-                    await realm_client.arrival("host", host.name, within=30.0)
-                await realm_client.arrival("robot", "counter", within=30.0)
-                sync = synced(Path(folder))
-                found = {**await moved(realm_client, moves), **await left(realm_client, robots, homes)}
-                return {**found, "sync_ms": sync}
-            finally:
-                for host in homes:
-                    host.kill()
-
-
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--moves", type=int, default=200)
-    parser.add_argument("--robots", type=int, default=1000)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    found = asyncio.run(run(given.moves, given.robots))
-    if given.json:
-        print(json.dumps(found))
-        return
-    first, half, most = found["first_ms"], found["p50_ms"], found["p99_ms"]
-    print(f"pause: first {first:.1f} ms, then p50 {half:.1f}, p99 {most:.1f} ms")
-    print(
-        f"(a bare call of the child: {found['call_us']:.0f} us; a bare fdatasync: {found['sync_ms']:.2f} ms)"
-    )
-    print(
-        f"{found['robots']:.0f} robots have left their host within {found['seconds']:.1f} s;"
-        f" the busier host had {found['cpu_s']:.1f} s of a processor, load {os.getloadavg()[0]:.0f}"
-    )
+    homes = [HostProcess(name, folder / name) for name in ("h1", "h2")]
+    async with counters("counter"), joined("bench") as realm_client:
+        try:
+            for host in homes:
+                host.start()
+                await realm_client.arrival("host", host.name, within=30.0)
+            await realm_client.arrival("robot", "counter", within=30.0)
+            sync = {"bare fdatasync, ms": synced(folder)}
+            return {**sync, **await moved(realm_client, moves), **await left(realm_client, robots, homes)}
+        finally:
+            for host in homes:
+                host.kill()
 
 
 if __name__ == "__main__":
-    main()
+    given = options(__doc__, moves=200, robots=1000)
+    with apart() as folder:
+        tell(asyncio.run(run(folder, given.moves, given.robots)))

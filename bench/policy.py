@@ -10,19 +10,16 @@ the middle half, of the rest processor time.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
-import multiprocessing
 import os
 import statistics
-import tempfile
+import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+
+from measuring import apart, be_robot, middle, options, started
 
 from robotree.vr import Robot, command
-from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.policy import PolicyGate
@@ -48,21 +45,6 @@ class Leaf(Robot):
         return x
 
 
-def far(realm: str, root: str, ready: Any, enough: Any) -> None:
-    """A process with one robot."""
-
-    async def live() -> None:
-        transport = await join(realm, root=Path(root))
-        agent = RobotAgent(Leaf("far"), transport)
-        await agent.start()
-        ready.set()
-        await asyncio.get_running_loop().run_in_executor(None, enough.wait)
-        await agent.close()
-        await transport.close()
-
-    asyncio.run(live())
-
-
 def written(lines: int) -> str:
     """Return a policy; the line that allows the call is its last."""
     others = "".join(f'      - "robot-{number}-*"\n' for number in range(lines))
@@ -73,10 +55,10 @@ def written(lines: int) -> str:
     )
 
 
-async def calls(rounds: int, root: Path) -> dict[str, list[float]]:
+async def calls(rounds: int) -> dict[str, list[float]]:
     """Call in turns; returns the times [us]."""
     clients, times = dict[str, RobotClient](), {realm: list[float]() for realm in REALMS}
-    transports = [await join(realm, root=root) for realm in REALMS]
+    transports = [await join(realm) for realm in REALMS]
     for realm, transport in zip(REALMS, transports, strict=True):
         (key,) = transport.presence.keys("robot/far/*")
         clients[realm] = RobotClient(transport, Address("robot", "far", key.rpartition("/")[2]))
@@ -104,7 +86,7 @@ def timed(action: Callable[[int], object], repeats: int = 20_000) -> float:
     return min(run() for _ in range(5))
 
 
-def decisions(lines: int, root: Path) -> dict[str, float]:
+def decisions(lines: int) -> dict[str, float]:
     """Return what a decision takes [us]."""
     call, me = (
         Call(key="k", command="step", deadline=5.0),
@@ -113,7 +95,7 @@ def decisions(lines: int, root: Path) -> dict[str, float]:
     ruled, none = PolicyGate(), PolicyGate()
     ruled.policy = policy = read_policy(written(lines))
     there, open_ = (Here("robot", "far", gate, lambda: ("Leaf", "Robot")) for gate in (ruled, none))
-    file = PolicyFile(state_of("ruled", root))
+    file = PolicyFile(state_of("ruled"))
     file.refresh(0.0)
     known = policy._known  # noqa: SLF001 # what it remembers is what is measured
 
@@ -129,43 +111,27 @@ def decisions(lines: int, root: Path) -> dict[str, float]:
     }
 
 
-def main() -> int:
+def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, default=50)
-    parser.add_argument("--lines", type=int, default=100)
-    given = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-        root = Path(folder)
-        state = state_of("ruled", root)
-        state.mkdir(mode=0o700)
+    given = options(__doc__, rounds=50, lines=100)
+    with apart():
+        state = state_of("ruled")
+        state.mkdir(parents=True, mode=0o700)
         (state / "policy.yaml").write_text(written(given.lines))
-        context = multiprocessing.get_context("spawn")
-        enough, processes = context.Event(), []
-        for realm in REALMS:
-            ready = context.Event()
-            processes.append(context.Process(target=far, args=(realm, folder, ready, enough), daemon=True))
-            processes[-1].start()
-            ready.wait(60)
-        try:
-            times = asyncio.run(calls(given.rounds, root))
-            alone = decisions(given.lines, root)
-        finally:
-            enough.set()
-            for process in processes:
-                process.join(20)
+        with started(*((__file__, realm) for realm in REALMS)):
+            times = asyncio.run(calls(given.rounds))
+            alone = decisions(given.lines)
     for realm, found in times.items():
-        low, middle, high = statistics.quantiles(found, n=4)
-        what = f"with a policy of {given.lines} lines" if REALMS[realm] else "without a policy"
-        print(
-            f"call between two processes, {what}: {middle:.0f} ({low:.0f} to {high:.0f}), {len(found)} calls"
-        )
+        which = f"with a policy of {given.lines} lines" if REALMS[realm] else "without a policy"
+        print(f"call between two processes, {which}: {middle(found)}, {len(found)} calls")
     ratio = statistics.median(times["ruled"]) / statistics.median(times["open"])
     print(f"ratio of the medians {ratio:.3f}; load {os.getloadavg()[0]:.1f}")
     for name, taken in alone.items():
         print(f"{name}: {taken:.2f}")
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    if sys.argv[1:2] and sys.argv[1] in REALMS:
+        asyncio.run(be_robot(Leaf("far"), sys.argv[1]))
+    else:
+        main()

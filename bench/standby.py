@@ -1,6 +1,6 @@
 """How soon a stand-by host has the robots of one that was killed, and what a journal in PostgreSQL costs.
 
-    python bench/standby.py [--rounds N] [--take-overs N] [--json]
+    python bench/standby.py [--rounds N] [--take-overs N]
 
 Two hosts, one with its journal in a folder and one in a PostgreSQL of its own on this machine, take the same
 calls of a child in another process in turns, in one run; beside them a bare INSERT of as many bytes. A
@@ -10,36 +10,22 @@ which came up to 0.5 s before.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
-import json
-import os
 import statistics
 import sys
-import tempfile
 import time
 from pathlib import Path
-from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the server is started as the tests do
+from hosts import REPEATS, HostProcess, bind, counters, next_effect
+from measuring import apart, clock, options, tell
 
 from robotree.client.joining import joined
 from robotree.vr.supervision.realm_client import RealmClient
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from bench import hosts
-from bench.hosts import REPEATS, HostProcess, counters, next_effect
 from tests.vr.space.postgres import lacking, server
 
 FRAME = 185
 """[bytes] in the journal for a call between processes."""
-
-
-async def bind(realm_client: RealmClient, host: HostProcess) -> str:
-    """Make a robot on a host, on top of its counter; returns its name."""
-    while not realm_client.directory.present("host", host.name):  # noqa: ASYNC110 # a table, which tells nobody
-        await asyncio.sleep(0.01)
-    await realm_client.create(hosts.__file__, f"top-{host.name}", host.name, "Top")
-    await realm_client.enslave(f"top-{host.name}", "below", f"of-{host.name}")
-    return f"top-{host.name}"
 
 
 async def steps(realm_client: RealmClient, folder: Path, url: str, rounds: int) -> dict[str, float]:
@@ -50,10 +36,11 @@ async def steps(realm_client: RealmClient, folder: Path, url: str, rounds: int) 
     for host in hosts.values():
         host.start()
     try:
-        names = {way: await bind(realm_client, host) for way, host in hosts.items()}
+        for host in hosts.values():
+            await bind(realm_client, host, f"top-{host.name}", f"of-{host.name}")
         for _ in range(rounds):
-            for way, name in names.items():
-                times[way] += await realm_client.call(name, "measure", {"repeats": REPEATS})
+            for way, host in hosts.items():
+                times[way] += await realm_client.call(f"top-{host.name}", "measure", {"repeats": REPEATS})
             bare += inserts(url)
     finally:
         for host in hosts.values():
@@ -66,27 +53,22 @@ def inserts(url: str) -> list[float]:
     """Insert as many bytes as a call keeps, many times; the times [us]."""
     import psycopg
 
-    times: list[float] = []
     with psycopg.connect(url, autocommit=True) as connection:
         connection.execute("CREATE TABLE IF NOT EXISTS bare (body bytea)")
-        for _ in range(REPEATS):
-            began = time.perf_counter()
-            connection.execute("INSERT INTO bare VALUES (%s)", (bytes(FRAME),))
-            times.append((time.perf_counter() - began) * 1e6)
-    return times
+        return clock(lambda: connection.execute("INSERT INTO bare VALUES (%s)", (bytes(FRAME),)), REPEATS)
 
 
-async def take_overs(realm_client: RealmClient, folder: Path, url: str, count: int) -> dict[str, float]:
+async def take_overs(realm_client: RealmClient, folder: Path, count: int) -> dict[str, float]:
     """Kill the host of a command; each time another one stands by, and has its robots then."""
-    first = HostProcess("h0", folder / "log", url=url)
+    first = HostProcess("h0", folder / "log")
     first.start()
-    name = await bind(realm_client, first)
-    call = asyncio.ensure_future(realm_client.call(name, "patrol", {}, deadline=600.0))
+    await bind(realm_client, first, "top-h0", "of-h0")
+    call = asyncio.ensure_future(realm_client.call("top-h0", "patrol", {}, deadline=600.0))
     await next_effect(time.monotonic())
     took: list[float] = []
     host = first
     for number in range(1, count + 1):
-        following = HostProcess(f"h{number}", folder / "log", of="h0", url=url)
+        following = HostProcess(f"h{number}", folder / "log", of="h0")
         following.start()
         await asyncio.sleep(1.0)
         host.kill()
@@ -96,39 +78,24 @@ async def take_overs(realm_client: RealmClient, folder: Path, url: str, count: i
     call.cancel()
     await asyncio.gather(call, return_exceptions=True)
     host.kill()
-    where = "postgres" if url else "folder"
-    return {f"take-over, {where}, p50 s": statistics.median(took), f"take-over, {where}, most s": max(took)}
+    return {"take-over, p50 s": statistics.median(took), "take-over, most s": max(took)}
 
 
-async def measure(folder: Path, url: str, rounds: int, count: int) -> dict[str, Any]:
+async def measure(folder: Path, url: str, rounds: int, count: int) -> dict[str, float]:
     """Measure all."""
     async with counters("of-kept", "of-far", "of-h0"), joined("bench") as realm_client:
         found = await steps(realm_client, folder, url, rounds)
-        return found | await take_overs(realm_client, folder, "", count)
+        return found | await take_overs(realm_client, folder, count)
 
 
-def main() -> int:
+def main() -> None:
     """Print the figures."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--rounds", type=int, default=10)
-    parser.add_argument("--take-overs", type=int, default=10)
-    parser.add_argument("--json", action="store_true")
-    chosen = parser.parse_args()
+    given = options(__doc__, rounds=10, take_overs=10)
     if reason := lacking():
-        print(reason, file=sys.stderr)
-        return 1
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder, server() as database:
-        runtime = Path(folder, "run")
-        runtime.mkdir(mode=0o700)
-        os.environ |= {"XDG_RUNTIME_DIR": str(runtime), "ROBOTREE_REALM": "bench"}
-        found = asyncio.run(measure(Path(folder), database.url, chosen.rounds, chosen.take_overs))
-    if chosen.json:
-        print(json.dumps(found))
-    else:
-        for key, value in found.items():
-            print(f"{key:32} {value:12.3f}")
-    return 0
+        raise SystemExit(reason)
+    with apart() as folder, server() as database:
+        tell(asyncio.run(measure(folder, database.url, given.rounds, given.take_overs)))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

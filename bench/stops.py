@@ -19,18 +19,16 @@ import os
 import shutil
 import signal
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the realm at load lies beside the tests
 
-from robotree.vr.agents.agent import RobotAgent
+from measuring import Process, apart, be_robot, count_given, end, start, stay
+
 from robotree.vr.author.robot import Robot
-from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 from robotree.vr.supervision.realm_client import RealmClient
@@ -39,79 +37,54 @@ from tests.soak.stage import staged
 from tests.soak.stops import loaded
 
 CROWD = 25
-_Process = subprocess.Popen[str]
 NAMES = ["left", "right"]
 
 
-async def be_robot(root: Path, name: str) -> None:
-    """A process with one robot."""
-    transport = await join("bench", root=root)
-    agent = RobotAgent(Robot(name), transport, registrar=Registrar(transport))
-    await agent.start()
-    print("ready", flush=True)
-    await asyncio.to_thread(sys.stdin.read)
-
-
-async def be_lookup(root: Path, name: str) -> None:
+async def be_lookup(name: str) -> None:
     """A process with one lookup service."""
-    transport = await join("bench", root=root)
-    await LookupService(transport, name).start()
-    print("ready", flush=True)
-    await asyncio.to_thread(sys.stdin.read)
+    await LookupService(await join(), name).start()
+    await asyncio.to_thread(stay)
 
 
-def start(word: str, root: Path, name: str, *, wait: bool = True) -> _Process:
-    """Start this program as something else."""
-    process = subprocess.Popen(
-        [sys.executable, __file__, word, str(root), name],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    if wait and process.stdout is not None:
-        process.stdout.readline()
-    return process
-
-
-def nothing(_: Path, __: list[_Process], ___: list[_Process]) -> None:
+def nothing(_: Path, __: list[Process], ___: list[Process]) -> None:
     """A realm without trouble."""
 
 
-def both_lookups_dead(_: Path, lookups: list[_Process], __: list[_Process]) -> None:
+def both_lookups_dead(_: Path, lookups: list[Process], __: list[Process]) -> None:
     """`kill -9` for both at the moment of the stop."""
     for lookup in lookups:
         lookup.kill()
 
 
-def newcomers(root: Path, _: list[_Process], others: list[_Process]) -> None:
+def newcomers(root: Path, _: list[Process], others: list[Process]) -> None:
     """25 processes that join meanwhile."""
-    others += [start("robot", root, f"new-{number}", wait=False) for number in range(CROWD)]
+    others += [start(__file__, "robot", f"new-{count}", wait=False) for count in range(CROWD)]
     while len(list((root / "bench").glob("*.sock"))) < len(NAMES) + 3:  # the first of them has come
         time.sleep(0.005)  # a file of another process: nothing wakes us
 
 
-def a_paused_newcomer(root: Path, _: list[_Process], others: list[_Process]) -> None:
+def a_paused_newcomer(root: Path, _: list[Process], others: list[Process]) -> None:
     """SIGSTOP for one that is just visible."""
     before = len(list((root / "bench").glob("*.sock")))
-    others.append(start("robot", root, "paused", wait=False))
+    others.append(start(__file__, "robot", "paused", wait=False))
     while len(list((root / "bench").glob("*.sock"))) == before:
         time.sleep(0.001)  # as above, and quickly: it must not have joined
     os.kill(others[-1].pid, signal.SIGSTOP)
 
 
-def folder_removed(root: Path, _: list[_Process], __: list[_Process]) -> None:
+def folder_removed(root: Path, _: list[Process], __: list[Process]) -> None:
     """The realm's folder is removed."""
     shutil.rmtree(root / "bench")
 
 
-Trouble = Callable[[Path, list[_Process], list[_Process]], None]
+Trouble = Callable[[Path, list[Process], list[Process]], None]
 TROUBLES: list[Trouble] = [nothing, both_lookups_dead, newcomers, a_paused_newcomer, folder_removed]
 
 
-async def stop(root: Path) -> tuple[float, str]:
+async def stop() -> tuple[float, str]:
     """Join and stop all; returns the seconds that it took and what was reported."""
     began = time.perf_counter()
-    transport = await join("bench", root=root)
+    transport = await join()
     try:
         confirmed = await RealmClient(transport).stop(None)
         said = "all confirmed" if {*NAMES} <= {*confirmed} else f"only {', '.join(confirmed)}"
@@ -124,14 +97,13 @@ async def stop(root: Path) -> tuple[float, str]:
 
 async def at_load(rounds: int, program: Sequence[str]) -> None:
     """Print the table of stops beside busy loops."""
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-        os.environ.update(XDG_RUNTIME_DIR=folder, XDG_STATE_HOME=folder)
-        async with staged("bench", Path(folder)) as stage:
-            for apart, sessions in ((False, "one session"), (True, "20 sessions")):
+    with apart() as folder:
+        async with staged("bench", folder) as stage:
+            for is_apart, sessions in ((False, "one session"), (True, "20 sessions")):
                 found: dict[str, list[float]] = {"arm": [], "rover": [], "confirmed": []}
                 for _ in range(rounds):
                     await stage.furnish()
-                    async with loaded(apart=apart):
+                    async with loaded(apart=is_apart):
                         calls = await stage.both_move()
                         verb = await stage.verb("stop", program=program)
                         marks = {"arm": stage.arm.mark(), "rover": stage.rover.mark()}
@@ -152,17 +124,14 @@ def main(rounds: int) -> None:
         times: list[float] = []
         reports: set[str] = set()
         for _ in range(rounds):
-            with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-                root = Path(folder)
-                lookups = [start("lookup", root, f"lookup-{number}") for number in range(2)]
-                others = [start("robot", root, name) for name in NAMES]
-                trouble(root, lookups, others)
-                took, said = asyncio.run(stop(root))
+            with apart() as folder:
+                lookups = [start(__file__, "lookup", f"lookup-{count}") for count in range(2)]
+                others = [start(__file__, "robot", name) for name in NAMES]
+                trouble(folder / "robotree", lookups, others)
+                took, said = asyncio.run(stop())
                 times.append(took)
                 reports.add(said[:100])
-                for process in [*lookups, *others]:
-                    process.kill()
-                    process.communicate()
+                end([*lookups, *others])
         print(
             f"{trouble.__name__:20} median {statistics.median(times):.3f} s, max {max(times):.3f}  "
             f"{'; '.join(sorted(reports))}"
@@ -172,7 +141,9 @@ def main(rounds: int) -> None:
 if __name__ == "__main__":
     if sys.argv[1:2] == ["load"]:
         asyncio.run(at_load(int((sys.argv[2:3] or ["8"])[0]), sys.argv[3:] or ROBOTREE))
-    elif len(sys.argv) > 3:
-        asyncio.run({"robot": be_robot, "lookup": be_lookup}[sys.argv[1]](Path(sys.argv[2]), sys.argv[3]))
+    elif sys.argv[1:2] == ["robot"]:
+        asyncio.run(be_robot(Robot(sys.argv[2]), listed=True))
+    elif sys.argv[1:2] == ["lookup"]:
+        asyncio.run(be_lookup(sys.argv[2]))
     else:
-        main(int(sys.argv[1]) if len(sys.argv) > 1 else 5)
+        main(count_given(1, 5))

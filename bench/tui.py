@@ -1,4 +1,4 @@
-"""What the full screen costs: CPU, key to first byte, bytes on the line; and the start of the command line.
+"""What the full screen costs: CPU, key to first byte, bytes on the line.
 
     python bench/tui.py [--robots 1000] [--hz 10] [--seconds 10] [--size 160x48]
     python bench/tui.py --filter
@@ -16,29 +16,23 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import fcntl
 import math
 import os
-import pty
-import select
 import statistics
 import struct
-import subprocess
 import sys
 import tempfile
-import termios
 import time
-from collections.abc import AsyncIterator, Iterable
-from pathlib import Path
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
-TICKS = os.sysconf("SC_CLK_TCK")
+from measuring import COUNTER, Terminal, apart, cpu, middle, options, quantile, ran
+
 LATEST = 30.0
 """[s] until the first picture, on a machine that has much else to do."""
 SETTLE = 4.0
 """[s] after that, until everything is drawn."""
-COUNTER = 9
-"""Descriptor of the file in which the child counts the states that it was told."""
 MOST_SPREAD = 100
 """Robots up to which each has a place of its own on the plan."""
 PRESSES = 80
@@ -188,164 +182,79 @@ async def play(count: int, hz: float, *, calm: bool) -> None:
         await Supervisor(realm_client, realm="bench", calm=calm).run_async()
 
 
-def play_bare() -> None:
-    """Be a Textual app with one widget whose line differs after each key: no page can be quicker."""
-    from textual.app import App, ComposeResult
-    from textual.events import Key
-    from textual.widgets import Static
-
-    class Bare(App[None]):
-        keys = 0
-
-        def compose(self) -> ComposeResult:
-            yield Static("0")
-
-        def on_key(self, event: Key) -> None:
-            del event
-            self.keys += 1
-            self.query_one(Static).update(f"{self.keys}", layout=False)
-
-    Bare().run()
-
-
 # -- the parent: a terminal and a clock ------------------------------------------------------------
 
 
-class Terminal:
-    """A pty with a program in it."""
-
-    def __init__(self, words: Iterable[str], size: tuple[int, int]) -> None:
-        """Start the program in a terminal of this many columns and rows."""
-        self._counter = tempfile.TemporaryFile()  # noqa: SIM115 # open as long as the program runs
-        self.pid, self.fd = pty.fork()
-        if self.pid == 0:
-            os.dup2(self._counter.fileno(), COUNTER)
-            os.set_inheritable(COUNTER, True)  # dup2 does nothing where it has this number already
-            os.environ.update(TERM="xterm-256color", COLORTERM="truecolor")
-            os.execv(sys.executable, [sys.executable, *words])  # noqa: S606 # this program again
-        fcntl.ioctl(self.fd, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-
-    def drain(self, seconds: float, *, first: bool = False) -> tuple[int, float]:
-        """Read for a while, or until the first bytes; returns how many came, and how long it took [s]."""
-        began, count = time.monotonic(), 0
-        while (left := began + seconds - time.monotonic()) > 0:
-            if not select.select([self.fd], [], [], left)[0]:
-                break
-            count += len(os.read(self.fd, 1 << 16))
-            if first:
-                break
-        return count, time.monotonic() - began
-
-    def cpu(self) -> float:
-        """[s] of CPU that the program has taken."""
-        fields = open(f"/proc/{self.pid}/stat", encoding="ascii").read().rpartition(")")[2].split()  # noqa: PTH123, SIM115 # Linux's own file
-        return (int(fields[11]) + int(fields[12])) / TICKS
-
-    def ran(self) -> float:
-        """[s] that all its threads have run, to the microsecond."""
-        paths = Path(f"/proc/{self.pid}/task").glob("*/schedstat")
-        return sum(int(path.read_text().split()[0]) for path in paths) / 1e9
-
-    def told(self) -> int:
-        """Return how many states the program was told."""
-        return int(struct.unpack("q", os.pread(self._counter.fileno(), 8, 0) or bytes(8))[0])
-
-    def end(self) -> None:
-        """End the program."""
-        os.kill(self.pid, 9)
-        os.waitpid(self.pid, 0)
-        os.close(self.fd)
+@contextmanager
+def shown(size: str, *words: object) -> Iterator[tuple[Terminal, Callable[[], int]]]:
+    """Have the child in a terminal for the time of a block, and say how many states it was told."""
+    columns, _, rows = size.partition("x")
+    line = [__file__, "--play", *map(str, words)]
+    with tempfile.TemporaryFile() as counter:
+        terminal = Terminal(line, (int(columns), int(rows)), counter=counter.fileno())
+        try:
+            terminal.drain(LATEST, first=True)
+            terminal.drain(SETTLE)
+            yield terminal, lambda: struct.unpack("q", os.pread(counter.fileno(), 8, 0) or bytes(8))[0]
+        finally:
+            terminal.end()
 
 
-def measure(  # what a case is
-    name: str, count: int, hz: float, arguments: argparse.Namespace, *, calm: bool = False, keys: bytes = b""
+def measure(
+    name: str, count: int, hz: float, given: argparse.Namespace, *, calm: bool = False, keys: bytes = b""
 ) -> None:
-    """Run one case and print its line; no robots: Textual alone. `keys` are pressed before it."""
-    words = [__file__, "--play", str(count), str(hz), *(["calm"] if calm else [])]
-    if not count:
-        words = [__file__, "--bare"]
-    size = tuple(int(part) for part in arguments.size.split("x"))
-    terminal = Terminal(words, (size[0], size[1]))
-    try:
-        terminal.drain(LATEST, first=True)
-        terminal.drain(SETTLE)
+    """Run one case and print its line. `keys` are pressed before it."""
+    with shown(given.size, count, hz, *["calm"] * calm) as (terminal, told):
         if keys:
             os.write(terminal.fd, keys)
             terminal.drain(SETTLE / 2)
-        before, told = terminal.cpu(), terminal.told()
-        sent, took = terminal.drain(arguments.seconds)
-        share, states = (terminal.cpu() - before) / took, (terminal.told() - told) / took
-        delays = []
+        before, known = cpu(terminal.pid), told()
+        sent, took = terminal.drain(given.seconds)
+        share, states = (cpu(terminal.pid) - before) / took, (told() - known) / took
+        delays = list[float]()
         for press in range(PRESSES):
             terminal.drain(0.06 + 0.013 * (press % 7))
             os.write(terminal.fd, b"\x1b[A" if press % 2 else b"\x1b[B")
-            delays.append(terminal.drain(1.0, first=True)[1])
-    finally:
-        terminal.end()
-    delays.sort()
-    p50, p95 = statistics.median(delays), delays[int(0.95 * len(delays))]
+            delays.append(1000 * terminal.drain(1.0, first=True)[1])
+    p50, p95 = statistics.median(delays), quantile(delays, 0.95)
     print(
         f"{name:<30} {states:6.0f} states/s {share:6.1%} of a core {sent / took / 1000:6.1f} kB/s "
-        f" key to byte p50 {1000 * p50:5.1f} ms  p95 {1000 * p95:5.1f} ms",
+        f" key to byte p50 {p50:5.1f} ms  p95 {p95:5.1f} ms",
         flush=True,
     )
 
 
-def plotted(arguments: argparse.Namespace) -> None:
+def plotted(given: argparse.Namespace) -> None:
     """Measure the page of readings with four plots, and without one."""
-    size = tuple(int(part) for part in arguments.size.split("x"))
     for plots in (0, 4, 0, 4):
-        terminal = Terminal([__file__, "--play", "2", "10", "plots", str(plots)], (size[0], size[1]))
-        try:
-            terminal.drain(LATEST, first=True)
-            terminal.drain(SETTLE)
-            before = terminal.ran()
-            sent, took = terminal.drain(arguments.seconds)
-            share = (terminal.ran() - before) / took
-        finally:
-            terminal.end()
+        with shown(given.size, 2, 10, "plots", plots) as (terminal, _):
+            before = ran(terminal.pid)
+            sent, took = terminal.drain(given.seconds)
+            share = (ran(terminal.pid) - before) / took
         print(
             f"2 robots at 10 Hz, {plots} plots at 5 Hz {share:6.1%} of a core {sent / took / 1000:6.1f} kB/s",
             flush=True,
         )
 
 
-def first_filter(count: int, arguments: argparse.Namespace, runs: int = 5) -> None:
+def first_filter(given: argparse.Namespace, runs: int = 5) -> None:
     """Time the first `/` and its first letter in a new screen: wall, and CPU until the first byte."""
-    size = tuple(int(part) for part in arguments.size.split("x"))
     took: dict[str, list[tuple[float, float]]] = {"first /": [], "its first letter": []}
     for _ in range(runs):
-        terminal = Terminal([__file__, "--play", str(count), "0"], (size[0], size[1]))
-        try:
-            terminal.drain(LATEST, first=True)
-            terminal.drain(SETTLE)
+        with shown(given.size, given.robots, 0) as (terminal, _):
             for name, key in zip(took, (b"/", b"9"), strict=True):
-                before = terminal.ran()
+                before = ran(terminal.pid)
                 os.write(terminal.fd, key)
                 wall = terminal.drain(3.0, first=True)[1]
-                took[name].append((wall, terminal.ran() - before))
+                took[name].append((1000 * wall, 1000 * (ran(terminal.pid) - before)))
                 terminal.drain(0.8)
-        finally:
-            terminal.end()
     for name, found in took.items():
         walls, cpus = zip(*found, strict=True)
         print(
-            f"{count} robots, {name:<18} median {1000 * statistics.median(walls):4.0f} ms, at most "
-            f"{1000 * max(walls):4.0f} ms; of CPU {1000 * statistics.median(cpus):4.1f} ms",
+            f"{given.robots} robots, {name:<18} median {statistics.median(walls):4.0f} ms, at most "
+            f"{max(walls):4.0f} ms; of CPU {statistics.median(cpus):4.1f} ms",
             flush=True,
         )
-
-
-def start(words: list[str], runs: int = 5) -> float:
-    """Return the median [s] that a command takes from its start to its end."""
-    took: list[float] = []
-    for _ in range(runs):
-        began = time.monotonic()
-        subprocess.run(
-            [sys.executable, "-m", "robotree.tui", *words], capture_output=True, check=False
-        )  # our own program
-        took.append(time.monotonic() - began)
-    return statistics.median(took)
 
 
 async def hand_over(times: int = 40) -> None:
@@ -356,15 +265,14 @@ async def hand_over(times: int = 40) -> None:
     from robotree.vr.network.local import join
     from robotree.vr.supervision.realm_client import RealmClient
 
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-        root = Path(folder)
-        agent = RobotAgent(Robot("arm"), await join("hands", root=root))
+    with apart("hands"):
+        agent = RobotAgent(Robot("arm"), await join())
         await agent.start()
-        people = {name: RealmClient(await join("hands", root=root)) for name in ("pts/1", "pts/2")}
-        heard, shown = asyncio.Event(), [""]
+        people = {name: RealmClient(await join()) for name in ("pts/1", "pts/2")}
+        heard, holding = asyncio.Event(), [""]
 
         def hear(_: str, state: Any) -> None:
-            shown[0] = state.operator
+            holding[0] = state.operator
             heard.set()
 
         for client in people.values():
@@ -382,73 +290,41 @@ async def hand_over(times: int = 40) -> None:
             await control(other, "ask")
             began = time.perf_counter()
             await control(holder, "offer")
-            while not shown[0].endswith(other):
+            while not holding[0].endswith(other):
                 heard.clear()
                 await heard.wait()
             found.append((time.perf_counter() - began) * 1e3)
             holder, other = other, holder
-        low, middle, high = statistics.quantiles(found, n=4)
-        print(f"hand-over: {middle:.1f} ms ({low:.1f} to {high:.1f}, most {max(found):.1f}), {times} times,"
-              f" load {os.getloadavg()[0]:.0f}")  # fmt: skip
+        print(f"hand-over: {middle(found, 'ms')}, {times} times, load {os.getloadavg()[0]:.0f}")
         await agent.close()
 
 
-def main() -> None:  # noqa: PLR0911 # one for each way to measure
-    """Measure all cases."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--robots", type=int, default=1000)
-    parser.add_argument("--hz", type=float, default=10.0)
-    parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--size", default="160x48")
-    parser.add_argument("--filter", action="store_true", help="time the first `/` alone")
-    parser.add_argument("--plan", action="store_true", help="measure the plan of a place alone")
-    parser.add_argument("--plots", action="store_true", help="measure four plots alone")
-    parser.add_argument("--hands", action="store_true", help="time a hand-over between two operators alone")
-    parser.add_argument("--play", nargs="+", help=argparse.SUPPRESS)
-    parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.bare:
-        play_bare()
+def main() -> None:
+    """Measure what was asked for."""
+    if sys.argv[1:2] == ["--play"]:
+        count, hz, *words = sys.argv[2:]
+        if "plots" in words:
+            asyncio.run(play_plots(int(count), float(hz), int(words[-1])))
+        else:
+            asyncio.run(play(int(count), float(hz), calm="calm" in words))
         return
-    if arguments.hands:
+    usual = {"robots": 1000, "hz": 10.0, "seconds": 10.0, "size": "160x48"}
+    given = options(__doc__, **usual, filter=False, plots=False, plan=False, hands=False)
+    print(f"load {os.getloadavg()[0]:.1f}, terminal {given.size}, {given.seconds:g} s each", flush=True)
+    if given.hands:
         asyncio.run(hand_over())
-        return
-    if arguments.play:
-        count, hz = int(arguments.play[0]), float(arguments.play[1])
-        if "plots" in arguments.play:
-            asyncio.run(play_plots(count, hz, int(arguments.play[-1])))
-            return
-        asyncio.run(play(count, hz, calm="calm" in arguments.play))
-        return
-    print(
-        f"load {os.getloadavg()[0]:.1f}, terminal {arguments.size}, {arguments.seconds:g} s each", flush=True
-    )
-    if arguments.plots:
-        plotted(arguments)
-        return
-    if arguments.filter:
-        first_filter(arguments.robots, arguments)
-        return
-    if arguments.plan:
-        measure("100 robots, 4 Hz, list", 100, 4.0, arguments)
-        measure("100 robots, 4 Hz, plan", 100, 4.0, arguments, keys=b"F")
-        return
-    measure("bare Textual, one widget", 0, 0.0, arguments)
-    measure("5 robots, idle", 5, 0.0, arguments)
-    measure("300 robots, idle", 300, 0.0, arguments)
-    measure(f"{arguments.robots} robots, idle", arguments.robots, 0.0, arguments)
-    measure("100 robots, 10 Hz", 100, 10.0, arguments)
-    measure(f"{arguments.robots} robots, {arguments.hz:g} Hz", arguments.robots, arguments.hz, arguments)
-    measure(
-        f"{arguments.robots} robots, {arguments.hz:g} Hz, --calm",
-        arguments.robots,
-        arguments.hz,
-        arguments,
-        calm=True,
-    )
-    print(f"robotree --help {1000 * start(['--help']):5.0f} ms")
+    elif given.plots:
+        plotted(given)
+    elif given.filter:
+        first_filter(given)
+    elif given.plan:
+        measure("100 robots, 4 Hz, list", 100, 4.0, given)
+        measure("100 robots, 4 Hz, plan", 100, 4.0, given, keys=b"F")
+    else:
+        name = f"{given.robots} robots"
+        measure(f"{name}, idle", given.robots, 0.0, given)
+        measure(f"{name}, {given.hz:g} Hz", given.robots, given.hz, given)
+        measure(f"{name}, {given.hz:g} Hz, --calm", given.robots, given.hz, given, calm=True)
 
 
 if __name__ == "__main__":

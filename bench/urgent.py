@@ -10,11 +10,11 @@ without its mark. Prints the median and the worst of some floods.
 from __future__ import annotations
 
 import asyncio
-import os
 import statistics
 import sys
-import tempfile
 import time
+
+from measuring import apart, count_given, heard, started, stay
 
 from robotree.vr.base.transport import Respond, on_loop
 from robotree.vr.network.local import LocalTransport, join
@@ -26,21 +26,6 @@ MOMENT = 0.8
 """[s] from the beginning of a flood to the questions."""
 LONGEST = 60.0
 """[s] for one flood to be answered."""
-
-
-async def start(word: str) -> asyncio.subprocess.Process:
-    """Start this file as a member of the realm, and wait until it is up."""
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, __file__, word), stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
-    )
-    await hear(process)
-    return process
-
-
-async def hear(process: asyncio.subprocess.Process) -> None:
-    """Wait for one line of a member."""
-    if process.stdout is not None:
-        await asyncio.wait_for(process.stdout.readline(), LONGEST)
 
 
 async def ask(transport: LocalTransport, *, urgent: bool) -> float:
@@ -58,8 +43,7 @@ async def echo(transport: LocalTransport) -> None:
         respond(body)
 
     await transport.serve(AGENT, on_loop(handler))
-    print("ready", flush=True)
-    await asyncio.to_thread(sys.stdin.read)
+    await asyncio.to_thread(stay)
 
 
 async def flood(transport: LocalTransport) -> None:
@@ -75,11 +59,7 @@ async def flood(transport: LocalTransport) -> None:
 
 async def be(word: str) -> None:
     """Be a member."""
-    transport = await join()
-    try:
-        await (echo if word == "echo" else flood)(transport)
-    finally:
-        await transport.close()
+    await (echo if word == "echo" else flood)(await join())
 
 
 def show(what: str, seconds: list[float]) -> None:
@@ -91,27 +71,20 @@ def show(what: str, seconds: list[float]) -> None:
 
 async def main(floods: int) -> None:
     """Measure."""
-    processes = [await start("echo"), await start("flood")]
-    flooder = processes[1]
-    transport = await join()
-    idle: list[float] = []
-    urgent: list[float] = []
-    ordinary: list[float] = []
-    try:
+    idle, urgent, ordinary = list[float](), list[float](), list[float]()
+    with started((__file__, "echo"), (__file__, "flood")) as (_, flooder):
+        transport = await join()
         for _ in range(floods):
             idle.append(await ask(transport, urgent=True))
             if flooder.stdin is not None:
-                flooder.stdin.write(b"go\n")
+                flooder.stdin.write("go\n")
+                flooder.stdin.flush()
             await asyncio.sleep(MOMENT)
             first, second = await asyncio.gather(ask(transport, urgent=True), ask(transport, urgent=False))
             urgent.append(first)
             ordinary.append(second)
-            await hear(flooder)
-    finally:
+            await asyncio.to_thread(heard, flooder)
         await transport.close()
-        for process in processes:
-            process.kill()
-            await process.wait()
     show("urgent, nothing else going on", idle)
     show(f"urgent, in a flood of {FLOOD:,}", urgent)
     show("ordinary, at the same moments", ordinary)
@@ -121,6 +94,5 @@ if __name__ == "__main__":
     if len(sys.argv) > 1 and not sys.argv[1].isdigit():
         asyncio.run(be(sys.argv[1]))
     else:
-        with tempfile.TemporaryDirectory() as runtime:
-            os.environ["XDG_RUNTIME_DIR"] = runtime
-            asyncio.run(main(min(int(sys.argv[1]), 50) if len(sys.argv) > 1 else 7))
+        with apart():
+            asyncio.run(main(count_given(1, 7)))
