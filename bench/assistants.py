@@ -13,33 +13,27 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import contextlib
 import json
-import multiprocessing
 import os
 import statistics
 import sys
-import tempfile
 import time
-from collections.abc import AsyncGenerator
-from pathlib import Path
 from typing import Annotated, Any
 
 from mcp import Client
 from mcp.client.stdio import StdioServerParameters
+from measuring import apart, be_robot, cpu, middle, options, started
 from msgspec.structs import replace
 
 from robotree.assistants.keys import AssistantKeys
 from robotree.assistants.serving import KEY, floor_of, over_stdio
+from robotree.client.joining import joined
 from robotree.vr import Range, Robot, Unit, command
-from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.address import Address
 from robotree.vr.base.principal import user_name
-from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.local import join
 from robotree.vr.network.policy_file import state_of
-from robotree.vr.supervision.realm_client import RealmClient
 
 REALM = "assisted"
 APART = 0.03
@@ -71,40 +65,16 @@ class Arm(Robot):
         """Do nothing."""
 
 
-def far(root: str, ready: Any, enough: Any) -> None:
+async def far() -> None:
     """A process with a lookup service and a robot."""
-
-    async def live() -> None:
-        transport, own = await join(REALM, root=Path(root)), await join(REALM, root=Path(root))
-        lookup, registrar = LookupService(own, "lookup"), Registrar(transport)
-        agent = RobotAgent(Arm("far"), transport, registrar=registrar)
-        await lookup.start()
-        await agent.start()
-        ready.set()
-        await asyncio.get_running_loop().run_in_executor(None, enough.wait)
-        for part in (agent, registrar, lookup, transport, own):
-            await part.close()
-
-    asyncio.run(live())
+    await LookupService(await join(), "lookup").start()
+    await be_robot(Arm("far"), listed=True)
 
 
-@contextlib.asynccontextmanager
-async def joined(root: Path) -> AsyncGenerator[RealmClient]:
-    """Be in the realm for the time of a block."""
-    transport = await join(REALM, root=root)
-    realm_client = RealmClient(transport)
-    await realm_client.start()
-    try:
-        yield realm_client
-    finally:
-        await realm_client.close()
-        await transport.close()
-
-
-async def serve(root: Path, robots: int) -> None:
+async def serve(robots: int) -> None:
     """Serve an assistant over stdio, with so many robots in its list."""
-    async with joined(root) as realm_client:
-        folder = state_of(REALM, root)
+    async with joined(REALM) as realm_client:
+        folder = state_of(REALM)
         async with floor_of(realm_client, folder) as floor:
             known = asyncio.Event()
             floor.catalogue.on_change(known.set)
@@ -142,20 +112,16 @@ async def measure_alone(server: StdioServerParameters) -> None:
         go.write(json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": given}).encode() + b"\n")
         return json.loads(await come.readline())["result"]  # type: ignore[no-any-return] # JSON
 
-    def worked() -> float:
-        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK") * 1e3
-
     client = {"name": "bench", "version": "1"}
     await asked("initialize", protocolVersion="2025-06-18", capabilities={}, clientInfo=client)
     go.write(b'{"jsonrpc": "2.0", "method": "notifications/initialized"}\n')
     waits, works = list[float](), list[float]()
     for _ in range(LISTS + 1):
-        began, before, page = time.perf_counter(), worked(), await asked("tools/list")
+        began, before, page = time.perf_counter(), cpu(process.pid), await asked("tools/list")
         while cursor := page.get("nextCursor"):
             page = await asked("tools/list", cursor=cursor)
         waits.append((time.perf_counter() - began) * 1e3)
-        works.append(worked() - before)
+        works.append((cpu(process.pid) - before) * 1e3)
     first, then = f"{waits[0]:.0f} ms ({works[0]:.0f})", f"{statistics.median(waits[1:]):.0f} ms"
     print(f"list, by a client that only reads JSON (the server's processor): first {first},"
           f" then {then} ({statistics.mean(works[1:]):.0f})")  # fmt: skip
@@ -163,13 +129,13 @@ async def measure_alone(server: StdioServerParameters) -> None:
     await process.wait()
 
 
-async def measure(root: Path, key: str, given: argparse.Namespace) -> None:
+async def measure(key: str, given: argparse.Namespace) -> None:
     """Print the figures."""
-    words = [__file__, "--serve", str(root), "--robots", str(given.robots)]
+    words = [__file__, "serve", str(given.robots)]
     if given.profile:
         words = ["-m", "cProfile", "-o", given.profile, *words]
     server = StdioServerParameters(command=sys.executable, args=words, env={**os.environ, KEY: key})
-    async with joined(root) as realm_client, Client(server) as client:
+    async with joined(REALM) as realm_client, Client(server) as client:
         await measure_alone(server)
         times, works, count = list[float](), list[float](), 0
         for _ in range(LISTS + 1):
@@ -192,10 +158,9 @@ async def measure(root: Path, key: str, given: argparse.Namespace) -> None:
                 assisted.append((time.perf_counter() - began) * 1e3)
                 assert not answer.is_error, answer  # noqa: S101 # a refusal is quick
                 await asyncio.sleep(APART)
-            low, middle, high = statistics.quantiles(assisted, n=4)
-            by_client = statistics.median(direct)
-            print(f"a call {what}: by an assistant {middle:.1f} ({low:.1f} to {high:.1f}), by a client"
-                  f" {by_client:.1f}; overhead {middle - by_client:.1f} ms, {given.calls} calls")  # fmt: skip
+            by_client, more = statistics.median(direct), statistics.median(assisted) - statistics.median(direct)
+            print(f"a call {what}: by an assistant {middle(assisted, 'ms')}, by a client {by_client:.1f};"
+                  f" overhead {more:.1f} ms, {given.calls} calls")  # fmt: skip
     print(f"load {os.getloadavg()[0]:.1f}")
 
 
@@ -208,35 +173,22 @@ def rules() -> str:
     )
 
 
-def main() -> int:
+def main() -> None:
     """Print the figures."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--robots", type=int, default=1000)
-    parser.add_argument("--calls", type=int, default=100)
-    parser.add_argument("--profile", default="", help="where the server's profile goes")
-    parser.add_argument("--serve", default="", help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.serve:
-        asyncio.run(serve(Path(given.serve), given.robots))
-        return 0
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-        root = Path(folder)
-        state = state_of(REALM, root)
-        state.mkdir(mode=0o700)
+    given = options(__doc__, robots=1000, calls=100, profile="")
+    with apart(REALM):
+        state = state_of(REALM)
+        state.mkdir(parents=True, mode=0o700)
         (state / "policy.yaml").write_text(rules())
         key = AssistantKeys(state).invite("claude")
-        context = multiprocessing.get_context("spawn")
-        ready, enough = context.Event(), context.Event()
-        robot = context.Process(target=far, args=(folder, ready, enough), daemon=True)
-        robot.start()
-        try:
-            ready.wait(60)
-            asyncio.run(measure(root, key, given))
-        finally:
-            enough.set()
-            robot.join(20)
-    return 0
+        with started((__file__, "far")):
+            asyncio.run(measure(key, given))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    if sys.argv[1:2] == ["serve"]:
+        asyncio.run(serve(int(sys.argv[2])))
+    elif sys.argv[1:2] == ["far"]:
+        asyncio.run(far())
+    else:
+        main()

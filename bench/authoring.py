@@ -16,20 +16,18 @@ from __future__ import annotations
 import ast
 import asyncio
 import logging
-import os
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # what counts lines lies beside the tests
 
+from measuring import apart, clocked, count_given, ran
+
+from robotree.client.joining import joined
 from robotree.tui.processes.crew import Crew, Member
-from robotree.vr.network.local import join
 from robotree.vr.supervision.realm_client import RealmClient
 from tests.comparison.counting import code_lines
 
@@ -37,7 +35,6 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "examples" / "pick_and_place.py"
 ROBOTREE = str(Path(sys.executable).with_name("robotree"))
 REALM = "bench"
-ROUNDS = 20
 RATE = 20.0
 """[Hz] at which `get_info` is asked for."""
 WATCHED = 10.0
@@ -71,19 +68,8 @@ def imports(code: str, rounds: int) -> float:
 
 
 def used(members: list[Member]) -> float:
-    """Return the processor time [s] that the threads of processes have used, more exact than in ticks."""
-    total = 0
-    for member in members:
-        for thread in Path(f"/proc/{member.pid}/task").iterdir():
-            total += int((thread / "schedstat").read_text().split()[0])
-    return total / 1e9
-
-
-async def timed(work: Callable[[], Any]) -> float:
-    """Return how long something takes [s]."""
-    began = time.perf_counter()
-    await work()
-    return time.perf_counter() - began
+    """Return the processor time [s] that processes have used."""
+    return sum(ran(member.pid) for member in members)
 
 
 async def create(realm_client: RealmClient, rounds: int) -> list[float]:
@@ -91,7 +77,7 @@ async def create(realm_client: RealmClient, rounds: int) -> list[float]:
     took: list[float] = []
     for number in range(rounds):
         name = f"picker-{number}"
-        took.append(await timed(lambda name=name: realm_client.create(str(PAGE), name)))
+        took += await clocked(1, lambda _, name=name: realm_client.create(str(PAGE), name))
         await realm_client.delete(name)
     return took
 
@@ -111,13 +97,12 @@ async def share_of_a_core(realm_client: RealmClient, members: list[Member]) -> f
     return (used(members) - before - idle) / WATCHED
 
 
-async def command(*words: str) -> float:
-    """Return how long a whole command line takes [s]."""
-    began = time.perf_counter()
-    process = await asyncio.create_subprocess_exec(ROBOTREE, *words, stdout=asyncio.subprocess.DEVNULL)
+async def reload() -> None:
+    """Carry out a whole command line."""
+    words = (ROBOTREE, "reload", "reader")
+    process = await asyncio.create_subprocess_exec(*words, stdout=asyncio.subprocess.DEVNULL)
     if await process.wait():
-        raise SystemExit(f"robotree {' '.join(words)} failed")
-    return time.perf_counter() - began
+        raise SystemExit(f"{' '.join(words)} failed")
 
 
 async def living(rounds: int) -> None:
@@ -127,10 +112,7 @@ async def living(rounds: int) -> None:
         await crew.start("lookup", "lookup-1")
         host = await crew.start("host", "host-1")
         proxy = await crew.start("proxy", "arm", "arm-1", "--connect", arm.address)
-        transport = await join(REALM)
-        realm_client = RealmClient(transport)
-        await realm_client.start()
-        try:
+        async with joined(REALM) as realm_client:
             await create(realm_client, 3)
             took = await create(realm_client, rounds)
             tell("create, median", 1e3 * statistics.median(took), "ms", 60)
@@ -139,12 +121,9 @@ async def living(rounds: int) -> None:
             await realm_client.enslave("reader", "arm", "arm-1")
             share = await share_of_a_core(realm_client, [host, proxy])
             tell("get_info through a page at 20 Hz, host and proxy", 100 * share, "%", 3)
-            again = [await command("reload", "reader") for _ in range(rounds)]
+            again = await clocked(rounds, lambda _: reload())
             tell("robotree reload, whole command, median", statistics.median(again), "s", 0.5)
             tell("robotree reload, whole command, fastest", min(again), "s", 0.5)
-        finally:
-            await realm_client.close()
-            await transport.close()
 
 
 def rehearsals() -> None:
@@ -177,7 +156,7 @@ def rehearsals() -> None:
 
 def main() -> None:
     """Measure everything."""
-    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS
+    rounds = count_given(1, 20)
     tell("pick-and-place with progress, clean-up and units, lines", page_lines(PAGE), "", 31)
     tell("the same without blank lines and docstrings", code_lines(PAGE.read_text()), "", 31)
     tell("import robotree.vr, median", 1e3 * imports("import robotree.vr", rounds), "ms", 80)
@@ -187,6 +166,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory(prefix="rt-") as apart:
-        os.environ.update(XDG_RUNTIME_DIR=apart, XDG_STATE_HOME=apart, ROBOTREE_REALM=REALM)
+    with apart(REALM):
         main()

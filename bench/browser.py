@@ -9,16 +9,10 @@ clock, from the beginning of the navigation to the frame in which the words are 
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
-import pathlib
 import statistics
-import subprocess
-import sys
-import tempfile
-from typing import Any
 
+from measuring import apart, end, heard, options, start, started
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -46,26 +40,17 @@ def measured(driver: webdriver.Chrome, address: str, part: str, words: str) -> f
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--times", type=int, default=9)
-    times = parser.parse_args().times
-    with tempfile.TemporaryDirectory(prefix="rt-", ignore_cleanup_errors=True) as folder:
-        for name in ("run", "state", "profile"):
-            pathlib.Path(f"{folder}/{name}").mkdir(mode=0o700)
-        os.environ |= {"XDG_RUNTIME_DIR": f"{folder}/run", "XDG_STATE_HOME": f"{folder}/state"}
-        program = [sys.executable, "-m", "robotree.tui"]
-        options = Options()
-        options.binary_location = "/usr/bin/chromium"
-        for one in (*QUIETLY, f"--user-data-dir={folder}/profile", "--window-size=1200,800"):
-            options.add_argument(one)
-        quiet: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
-        with (
-            subprocess.Popen([*program, "lookup", "lookup-1"], **quiet) as lookup,
-            subprocess.Popen([*program, "web", "--listen", "0", "--json"], **quiet) as web,
-        ):
-            next(iter(lookup.stdout or ()))
-            address = json.loads(next(iter(web.stdout or ())))["command"]
-            driver = webdriver.Chrome(options=options, service=Service("/usr/bin/chromedriver"))
+    times = options(__doc__, times=9).times
+    with apart() as folder:
+        chromium = Options()
+        chromium.binary_location = "/usr/bin/chromium"
+        for word in (*QUIETLY, f"--user-data-dir={folder}/profile", "--window-size=1200,800"):
+            chromium.add_argument(word)
+        robotree = ("-m", "robotree.tui")
+        with started((*robotree, "lookup", "lookup-1")):
+            web = start(*robotree, "web", "--listen", "0", "--json", wait=False)
+            address = json.loads(heard(web))["command"]
+            driver = webdriver.Chrome(options=chromium, service=Service("/usr/bin/chromedriver"))
             try:
                 found = {"screen": list[float](), "page": list[float]()}
                 for _ in range(times):
@@ -74,8 +59,7 @@ def main() -> None:
                     found["page"].append(measured(driver, address.partition("#")[0], "told", "no token"))
             finally:
                 driver.quit()
-                web.terminate()
-                lookup.terminate()
+                end([web])
     screen, page = (statistics.median(found[name]) for name in ("screen", "page"))
     least, most = min(found["screen"]), max(found["screen"])
     print(f"first picture {screen:.0f} ms ({least:.0f} to {most:.0f}), {times} times")

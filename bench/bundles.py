@@ -8,14 +8,10 @@ permissions. The bound is 1 ms. One's own page is compared with itself without t
 
 from __future__ import annotations
 
-import statistics
-import sys
-import tempfile
-import time
-from collections.abc import Callable
-from pathlib import Path
+from statistics import median
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from measuring import apart, clock, count_given, quantile
 
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.base.principal import ITSELF
@@ -30,43 +26,33 @@ BOUND = 1000.0
 PAGE = '"""Page."""\n\nfrom robotree.vr import VirtualRobot\n\n\nclass Page(VirtualRobot):\n    """Page."""\n'
 
 
-def each(repetitions: int, *work: Callable[[], object]) -> list[tuple[float, float]]:
-    """Return median and 99th percentile [us] of each, done by turns."""
-    times: list[list[float]] = [[] for _ in work]
-    for _ in range(repetitions):
-        for one, spent in zip(work, times, strict=True):
-            began = time.perf_counter()
-            one()
-            spent.append(1e6 * (time.perf_counter() - began))
-    return [(statistics.median(spent), sorted(spent)[int(len(spent) * 0.99)]) for spent in times]
-
-
 def main() -> None:
     """Measure and print."""
-    repetitions = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
+    repetitions = count_given(1, 2000)
     source = PAGE + "# a line of the page, as long as a line is\n" * 450
     files = {f"lib/part{number}.py": b"x = 1\n" * 300 for number in range(10)}
     own = Bundle(source, "page.py", "", files)
     key = SigningKey(Ed25519PrivateKey.generate(), "anna")
     sent = signed(own, key, Permissions(("Arm.*",)))
     packed = file_of(sent).pack()
-    with tempfile.TemporaryDirectory() as folder:
-        trust = Path(folder, "allowed_signers")
+    with apart() as folder:
+        trust = folder / "allowed_signers"
         trust.write_text(Signer(("anna",), key.key.public_key().public_bytes_raw()).line() + "\n")
         trust.chmod(0o600)
         gate = Gate(trust)
-        found = each(
-            repetitions,
-            lambda: gate.admit(sent, ITSELF, "host-1"),
-            lambda: BundleFile.unpack(packed, "page.bundle"),
-            lambda: signed(own, key, Permissions(("Arm.*",))),
-            lambda: gate.admit(own, ITSELF, "host-1"),
-        )
-    for what, (median, late) in zip(
-        ("checked", "read from its file", "signed", "own page"), found, strict=True
-    ):
-        print(f"{what:<20} p50 {median:8.1f} us   p99 {late:8.1f} us")
-    verdict = "kept" if found[0][0] <= BOUND else "MISSED"
+        work = {
+            "checked": lambda: gate.admit(sent, ITSELF, "host-1"),
+            "read from its file": lambda: BundleFile.unpack(packed, "page.bundle"),
+            "signed": lambda: signed(own, key, Permissions(("Arm.*",))),
+            "own page": lambda: gate.admit(own, ITSELF, "host-1"),
+        }
+        taken = {name: list[float]() for name in work}
+        for _ in range(repetitions):
+            for name, action in work.items():
+                taken[name] += clock(action, 1)
+    for name, times in taken.items():
+        print(f"{name:<20} p50 {median(times):8.1f} us   p99 {quantile(times, 0.99):8.1f} us")
+    verdict = "kept" if median(taken["checked"]) <= BOUND else "MISSED"
     print(f"bundle of {len(packed)} bytes; bound of a check {BOUND:.0f} us: {verdict}")
 
 

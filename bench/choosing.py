@@ -8,11 +8,12 @@ robot (`Describe`), measured in the same run.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import random
 import statistics
 import time
+
+from measuring import clocked, options, until
 
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
@@ -77,16 +78,11 @@ async def at_once(choosers: int) -> tuple[float, float]:
         await agents[-1].start()
         await agents[-1].listed()
     client = RobotClient(network.join("operator"), agents[0].address)
-    asked = list[float]()
-    for _ in range(50):
-        began = time.perf_counter()
-        await client.describe()
-        asked.append(time.perf_counter() - began)
+    asked = await clocked(50, lambda _: client.describe())
     guides = [RobotAgent(Guide(f"g{number}"), network.join(f"g{number}")) for number in range(choosers)]
     began = time.perf_counter()
     await asyncio.gather(*(guide.start() for guide in guides))
-    while not all(guide.runtime.look(lambda state: state.slots.bonds()) for guide in guides):  # noqa: ASYNC110 # a state, which wakes nobody
-        await asyncio.sleep(0.001)
+    await until(lambda: all(guide.runtime.look(lambda state: state.slots.bonds()) for guide in guides))
     took = time.perf_counter() - began
     for guide in guides:
         await guide.close()
@@ -95,17 +91,14 @@ async def at_once(choosers: int) -> tuple[float, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description="Measure choices.")
-    parser.add_argument("--robots", type=int, default=1000)
-    parser.add_argument("--choosers", type=int, default=20)
-    options = parser.parse_args()
-    times = among(options.robots)
+    given = options(__doc__, robots=1000, choosers=20)
+    times = among(given.robots)
     print(
-        f"candidates among {options.robots}: {statistics.median(times) * 1e3:.2f} ms,"
+        f"candidates among {given.robots}: {statistics.median(times) * 1e3:.2f} ms,"
         f" most {max(times) * 1e3:.2f} ms"
     )
-    took, one = asyncio.run(at_once(options.choosers))
-    print(f"{options.choosers} at once: {took:.3f} s from their start; one request: {one * 1e3:.2f} ms")
+    took, one = asyncio.run(at_once(given.choosers))
+    print(f"{given.choosers} at once: {took:.3f} s from their start; one request: {one * 1e3:.2f} ms")
 
 
 if __name__ == "__main__":

@@ -13,9 +13,9 @@ import os
 import statistics
 import subprocess
 import sys
-import tempfile
-import time
 from pathlib import Path
+
+from measuring import apart, clock, count_given
 
 from robotree.tui.demo import cast
 from robotree.tui.processes.crew import Crew
@@ -39,11 +39,9 @@ CASES: dict[str, tuple[list[str], float]] = {
 """What is started, and how long it may take [s]."""
 
 
-def once(words: list[str]) -> float:
-    """Return how long one start takes [s], to its end."""
-    began = time.perf_counter()
+def once(words: list[str]) -> None:
+    """Start one, and wait for its end."""
     subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
-    return time.perf_counter() - began
 
 
 def measure(rounds: int) -> None:
@@ -51,16 +49,15 @@ def measure(rounds: int) -> None:
     took: dict[str, list[float]] = {name: [] for name in CASES}
     for _ in range(rounds):
         for name, (words, _) in CASES.items():
-            took[name].append(once(words))
-    bare = statistics.median(took[BARE])
+            took[name] += clock(lambda words=words: once(words), 1)
+    bare = statistics.median(took[BARE]) / 1e6
     for name, (_, promised) in CASES.items():
-        median = statistics.median(took[name])
+        median = statistics.median(took[name]) / 1e6
         kept = "kept" if median <= promised else "NOT kept"
         bound = "" if promised == float("inf") else f"  of {promised * 1e3:.0f}: {kept}"
-        times = (
-            f"{median * 1e3:6.0f} ms  fastest {min(took[name]) * 1e3:5.0f}  {median / bare:5.1f} times bare"
-        )
-        sys.stdout.write(f"{name:<24} {times}{bound}\n")
+        fastest = min(took[name]) / 1e3
+        times = f"{median * 1e3:6.0f} ms  fastest {fastest:5.0f}  {median / bare:5.1f} times bare"
+        print(f"{name:<24} {times}{bound}")
 
 
 async def main(rounds: int) -> None:
@@ -72,6 +69,5 @@ async def main(rounds: int) -> None:
 
 if __name__ == "__main__":
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    with tempfile.TemporaryDirectory(prefix="rt-") as apart:
-        os.environ.update(XDG_RUNTIME_DIR=apart, XDG_STATE_HOME=apart, ROBOTREE_REALM=REALM)
-        asyncio.run(main(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS))
+    with apart(REALM):
+        asyncio.run(main(count_given(1, ROUNDS)))

@@ -1,6 +1,6 @@
 """The companion: how much faster than real time its flat is, and what planning a reach costs.
 
-    python bench/companion.py [--json]
+    python bench/companion.py
 
 The real-time factor is that of the whole controller (physics, control of four components, visitors, guard,
 telemetry to one link) in processor time of one thread, without OpenGL; the bound is 4. Planning is that of
@@ -11,8 +11,6 @@ repetitions counts for the factor: a busy machine only ever makes it slower.
 
 from __future__ import annotations
 
-import argparse
-import json
 import random
 import time
 from collections.abc import Mapping
@@ -96,18 +94,12 @@ def planning(start: tuple[float, float, float], *, moving: bool) -> dict[str, fl
 
 def main() -> int:
     """Measure; exit code 1 when a bound is not kept."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of lines")
-    wanted = parser.parse_args()
     factors = {"resting": factor(resting()), "busy": factor(busy())}
     plans = {name: planning(start, moving=moving) for name, (start, moving) in SITUATIONS.items()}
-    if wanted.json:
-        print(json.dumps({"factor": factors, "planning": plans}))
-    else:
-        for name, value in factors.items():
-            print(f"times real time, {name:25} {value:8.2f}")
-        for name, plan in plans.items():
-            print(f"planning, {name:20}", *(f"{key} {value:.2f}" for key, value in plan.items()), sep="  ")
+    for name, value in factors.items():
+        print(f"times real time, {name:25} {value:8.2f}")
+    for name, plan in plans.items():
+        print(f"planning, {name:20}", *(f"{key} {value:.2f}" for key, value in plan.items()), sep="  ")
     slowest = max(plan["p95_ms"] for plan in plans.values())
     return 0 if min(factors.values()) >= FACTOR and slowest <= PLANNING_MS else 1
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 import asyncio
 import sqlite3
 import statistics
-import tempfile
 import time
 from pathlib import Path
 
 import msgspec
+from measuring import apart, clock, until
 
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
@@ -43,18 +43,9 @@ class Rover(Robot):
         return x
 
 
-def commit(file: sqlite3.Connection, body: bytes, number: int) -> float:
-    """Return how long one durable commit takes [s]."""
-    began = time.perf_counter()
-    file.execute("INSERT OR REPLACE INTO record VALUES (?, ?)", (str(number), body))
-    return time.perf_counter() - began
-
-
 async def orders(folder: Path) -> None:
     """Measure orders."""
-    root = folder / "run"
-    root.mkdir(mode=0o700)
-    transports = [await join("bench", root=root) for _ in range(3)]
+    transports = [await join() for _ in range(3)]
     store, ledger = OrderStore(folder / "directory.db"), Ledger(folder / "orders.db")
     directory = DirectoryService(transports[0], "d1", store)
     await directory.start()
@@ -68,8 +59,7 @@ async def orders(folder: Path) -> None:
     await rover.start()
     person = RealmClient(transports[2])
     await person.start()
-    while "the-rover" not in store.agents:  # noqa: ASYNC110 # a table
-        await asyncio.sleep(0.01)
+    await until(lambda: "the-rover" in store.agents)
     await rover.close()
     baseline = sqlite3.connect(folder / "baseline.db", isolation_level=None)
     baseline.executescript(
@@ -80,8 +70,11 @@ async def orders(folder: Path) -> None:
         began = time.perf_counter()
         left = await person.orders.leave("r1", "move", {"x": 1.0})
         taken.append(time.perf_counter() - began)
-        commits.append(commit(baseline, msgspec.msgpack.encode(left.order), number))
-    usual, one = statistics.median(taken), statistics.median(commits)
+        row = (str(number), msgspec.msgpack.encode(left.order))
+        commits += clock(
+            lambda row=row: baseline.execute("INSERT OR REPLACE INTO record VALUES (?, ?)", row), 1
+        )
+    usual, one = statistics.median(taken), statistics.median(commits) / 1e6
     times = usual / one
     print(f"an order left, durable: {usual * 1e3:.2f} ms; one commit: {one * 1e3:.2f} ms; ratio {times:.1f}")
     await _carry_out(agent(), directory, LEFT)
@@ -99,8 +92,7 @@ async def orders(folder: Path) -> None:
 async def _carry_out(rover: RobotAgent, directory: DirectoryService, number: int) -> None:
     began = time.perf_counter()
     await rover.start()
-    while any(not each.over for each in directory.book.store.orders.values()):  # noqa: ASYNC110 # a table
-        await asyncio.sleep(0.001)
+    await until(lambda: all(each.over for each in directory.book.store.orders.values()))
     took = time.perf_counter() - began
     print(f"{number} orders, from the robot's arrival to the last result: {took * 1e3:.0f} ms")
     await rover.close()
@@ -115,18 +107,16 @@ def behaviours() -> None:
             address=Address("robot", f"r{number}", "1"), kinds=("Rover", "Robot"), commands=commands
         )
         store.put(agents=[KnownAgent(name=f"r{number}", identity=f"i{number}", robot=robot)])
-    book, taken = OrderBook("d", store, time.time), list[float]()
-    for _ in range(50):
-        began = time.perf_counter()
-        found = book.known(ReadKnown(command=f"behaviour_{BEHAVIOURS - 1}", brief=True))
-        taken.append(time.perf_counter() - began)
-    print(
-        f"{len(found)} of {ROBOTS} robots with {BEHAVIOURS} behaviours each are found in"
-        f" {statistics.median(taken) * 1e3:.2f} ms"
+    book, question = (
+        OrderBook("d", store, time.time),
+        ReadKnown(command=f"behaviour_{BEHAVIOURS - 1}", brief=True),
     )
+    taken = statistics.median(clock(lambda: book.known(question), 50)) / 1e3
+    count = len(book.known(question))
+    print(f"{count} of {ROBOTS} robots with {BEHAVIOURS} behaviours each are found in {taken:.2f} ms")
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name:
-        asyncio.run(orders(Path(name)))
+    with apart() as folder:
+        asyncio.run(orders(folder))
     behaviours()

@@ -1,8 +1,8 @@
-"""The figures of the house: the size of each room, the core's install, imports, calls and stories.
+"""The figures of the house: the size of each room, words of the guides, imports.
 
-    python bench/house.py [sizes] [words] [install] [imports] [calls] [stories] [FOLDER...]
+    python bench/house.py [sizes] [words] [imports] [FOLDER...]
 
-Without a word it prints all of them, in about two minutes; with folders, their sizes instead of those of the
+Without a word it prints all of them, in half a minute; with folders, their sizes instead of those of the
 rooms. A line of code is one on which something stands that is no comment and no part of a docstring, or of
 the text below a name that describes it. Sources that are generated count, too. Words are those of `docs` and
 `docs/guide` outside of fenced blocks, which are programs: what has a letter or a digit is a word.
@@ -15,21 +15,18 @@ from __future__ import annotations
 import argparse
 import ast
 import io
-import subprocess
 import sys
-import tempfile
 import tokenize
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from bench.authoring import imports
-from bench.install import installed
+from authoring import imports
+
 from tests.guide.words import words_of_guides
-from tests.wheel import ROOT, build
+from tests.wheel import ROOT
 
 ROOMS = (
     *("front", "files", "kinds", "protocol", "vr", "proxy", "client"),
@@ -113,31 +110,13 @@ def tell_words() -> None:
     print(f"{words_of_guides()} words in the guides, promised 35000")
 
 
-def tell_install() -> None:
-    """Print the size of the core, and the time that its installation takes from uv's cache."""
-    with tempfile.TemporaryDirectory() as folder:
-        megabytes, seconds = installed(build(Path(folder)), "")
-    print(f"core: {megabytes:.1f} MB, installed in {seconds:.1f} s")
-
-
 def tell_imports() -> None:
     """Print the processor time of imports in new processes."""
     for code, promised in IMPORTS.items():
         print(f"{code}: {1e3 * imports(code, 15):.0f} ms of processor time, promised {promised}")
 
 
-def run_beside(script: str, *words: str) -> None:
-    """Run another script of this folder."""
-    subprocess.run([sys.executable, Path(__file__).with_name(script), *words], check=True)
-
-
-PARTS: dict[str, Callable[[], None]] = {
-    "words": tell_words,
-    "install": tell_install,
-    "imports": tell_imports,
-    "calls": partial(run_beside, "calls.py", "--rounds", "3"),
-    "stories": partial(run_beside, "world.py", "12"),
-}
+PARTS: dict[str, Callable[[], None]] = {"words": tell_words, "imports": tell_imports}
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """What it costs to keep a robot apart: until it can be called, a call of it, and its own memory; by level.
 
-    python bench/isolation.py [--robots N] [--calls N] [--json]
+    python bench/isolation.py [--robots N] [--calls N]
 
 Per level: a host of its own makes N robots of the same page one after the other, then each is called. A
 robot's own memory is what no other process has, too (`Private_Dirty` and `Private_Clean` of
@@ -10,16 +10,14 @@ that is a program takes until it has drawn.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
-import json
-import os
 import statistics
-import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from measuring import apart, clocked, cpu, options, tell
 
 from robotree.tui.panels import frames
 from robotree.tui.panels.outside import PanelProcess
@@ -62,58 +60,49 @@ class Panel(RobotPanel):
 """
 
 
-async def measure(level: Isolation, robots: int, calls: int, folder: Path) -> dict[str, Any]:
+async def measure(level: Isolation, robots: int, calls: int, folder: Path) -> dict[str, float]:
     """Measure one level."""
-    transport = await join("bench", root=folder / "run")
-    operator = await join("bench", root=folder / "run")
+    transport, operator = await join(), await join()
     runner = runner_of(asyncio.get_running_loop())
     journal = HostJournal(folder / "h1", runner)
     process: Process[Any] = Process(runner, journal)
     way = kept_by(journal, process, transport)
     host = Host(way, "h1", process=process, journal=journal)
     setting = ApartSetting("h1", "bench", 5.0, 10.0, LIMIT, folder / "h1")
-    host.apart = apart = RobotsApart(setting, way)
+    host.apart = robots_apart = RobotsApart(setting, way)
     await host.start()
     await host.restore()
     client, page = HostClient(operator, host.address), Bundle(PAGE, "adder.py")
     try:
-        began = time.perf_counter()
-        await client.create(page, "first", None, level)
-        first = time.perf_counter() - began
-        ready: list[float] = []
+        (first,) = await clocked(1, lambda _: client.create(page, "first", None, level))
         addresses: list[Address] = []
-        for number in range(robots):
-            began = time.perf_counter()
+
+        async def create(number: int) -> None:
             addresses.append((await client.create(page, f"r{number}", None, level)).address)
-            ready.append(time.perf_counter() - began)
-        one, took = RobotClient(operator, addresses[0]), []
-        for number in range(calls):
-            began = time.perf_counter()
-            await one.call("add", {"a": number, "b": 1})
-            took.append(time.perf_counter() - began)
-        processes = [apart.robots[address.name].pid for address in addresses if level != "none"]
-        own = [*map(_own, processes)]
-        return {
-            "level": level,
-            "cpu_ms_mean": round(statistics.mean(map(_cpu, processes)), 0) if processes else None,
-            "first_ms": round(1000 * first, 1),
-            "ready_ms_p50": round(1000 * statistics.median(ready), 1),
-            "ready_ms_max": round(1000 * max(ready), 1),
-            "call_ms_p50": round(1000 * statistics.median(took), 2),
-            "own_mb_p50": round(statistics.median(own), 1) if own else None,
-            "own_mb_max": round(max(own), 1) if own else None,
+
+        ready = await clocked(robots, create)
+        called = RobotClient(operator, addresses[0])
+        took = await clocked(calls, lambda number: called.call("add", {"a": number, "b": 1}))
+        found = {
+            "first robot is there, ms": 1000 * first,
+            "robot is there, p50, ms": 1000 * statistics.median(ready),
+            "robot is there, most, ms": 1000 * max(ready),
+            "call, p50, ms": 1000 * statistics.median(took),
         }
+        if level != "none":
+            processes = [robots_apart.robots[address.name].pid for address in addresses]
+            own = [*map(_own, processes)]
+            found |= {
+                "processor of its start, ms": 1000 * statistics.mean(map(cpu, processes)),
+                "own memory, p50, MB": statistics.median(own),
+                "own memory, most, MB": max(own),
+            }
+        return found
     finally:
         await host.close()
         journal.close()
         await operator.close()
         await transport.close()
-
-
-def _cpu(pid: int) -> float:
-    """Return the processor time of a process so far [ms]: user and system (proc(5), stat 14 and 15)."""
-    user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
-    return 1000 * (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
 
 def _own(pid: int) -> float:
@@ -168,23 +157,16 @@ async def panel(times: int) -> list[float]:
 
 def main() -> None:
     """Measure all levels that there are here."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", type=int, default=20)
-    parser.add_argument("--calls", type=int, default=200)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    found: list[dict[str, Any]] = []
+    given = options(__doc__, robots=20, calls=200)
     for level in LEVELS:
+        print(f"level {level}")
         if level != "none" and (lack := lack_for(level)):
-            found.append({"level": level, "lack": lack})
+            print(lack)
             continue
-        with tempfile.TemporaryDirectory(prefix="rt-") as folder:
-            found.append(asyncio.run(measure(level, given.robots, given.calls, Path(folder))))
+        with apart() as folder:
+            tell(asyncio.run(measure(level, given.robots, given.calls, folder)))
     panels = asyncio.run(panel(5))
-    found.append({"panel_ms_p50": round(statistics.median(panels)), "panel_ms_max": round(max(panels))})
-    load = os.getloadavg()[0]
-    for row in [*found, {"load": round(load, 1)}]:
-        print(json.dumps(row) if given.json else "  ".join(f"{name} {value}" for name, value in row.items()))
+    tell({"panel is drawn, p50, ms": statistics.median(panels), "panel is drawn, most, ms": max(panels)})
 
 
 if __name__ == "__main__":

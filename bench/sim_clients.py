@@ -1,6 +1,6 @@
 """What connected clients cost a simulated controller, beyond its physics.
 
-    python bench/sim_clients.py [--clients N] [--rate HZ] [--seconds S] [--json]
+    python bench/sim_clients.py [--clients N] [--rate HZ] [--seconds S]
 
 Each client connects over TCP and asks for JOINTS, TOOL and GRIPPER at the rate; what it hears besides is the
 default. The cost is processor time of the whole controller (threads of loop and physics) per second of its
@@ -10,13 +10,13 @@ without, in turns in one run. The bound is 20 % of a core for ten clients at 100
 
 from __future__ import annotations
 
-import argparse
 import asyncio
-import json
 import statistics
 import sys
 import time
 from asyncio.subprocess import PIPE
+
+from measuring import options, stay
 
 from robotree.protocol.frame import encode
 from robotree.protocol.messages import CommandLong, Gripper, Heartbeat, Joints, MavCmd, Message, Tool
@@ -52,9 +52,8 @@ async def crowd(address: str, clients: int, rate: float) -> float:
         writer.write(orders(rate))
         listening.append((asyncio.create_task(listen(reader)), writer))
     await asyncio.sleep(0.5)
-    print("listening", flush=True)
     began, heard = time.monotonic(), 0
-    await asyncio.to_thread(sys.stdin.read)
+    await asyncio.to_thread(stay)
     return heard / (time.monotonic() - began)
 
 
@@ -101,19 +100,11 @@ def main() -> None:
         address, clients, rate = sys.argv[2:]
         print(asyncio.run(crowd(address, int(clients), float(rate))))
         return
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--clients", type=int, default=10)
-    parser.add_argument("--rate", type=float, default=100.0)
-    parser.add_argument("--seconds", type=float, default=4.0)
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
-    options = parser.parse_args()
-    figures = asyncio.run(measure(options.clients, options.rate, options.seconds))
-    if options.json:
-        print(json.dumps({"bound": BOUND, **figures}))
-        return
+    given = options(__doc__, clients=10, rate=100.0, seconds=4.0)
+    figures = asyncio.run(measure(given.clients, given.rate, given.seconds))
     verdict = "" if figures["clients"] < BOUND else f", above the bound of {100 * BOUND:g} %"
     print(f"controller alone           {100 * figures['alone']:6.1f} % of a core")
-    print(f"with {options.clients:3} clients at {options.rate:g} Hz {100 * figures['together']:6.1f} %")
+    print(f"with {given.clients:3} clients at {given.rate:g} Hz {100 * figures['together']:6.1f} %")
     print(f"the clients                {100 * figures['clients']:6.1f} %{verdict}")
     heard, dropped = figures["bytes_per_second"] / 1e3, figures["debt_dropped_s"]
     print(f"they heard {heard:.0f} kB/s; real time was missed by {dropped:.1f} s")

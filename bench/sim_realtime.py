@@ -1,6 +1,6 @@
-"""How much faster than real time the simulated cells are, and what pictures and plans cost.
+"""How much faster than real time the simulated cells are, and what pictures cost.
 
-    python bench/sim_realtime.py [--json]
+    python bench/sim_realtime.py
 
 The real-time factor is that of physics and control alone, in processor time of one thread and by the wall
 clock; the bound is 10. The cells take turns, and the best of several repetitions counts: a busy machine only
@@ -9,8 +9,6 @@ ever makes it slower.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import time
 from collections.abc import Callable
@@ -24,7 +22,7 @@ from robotree.sim.testing import ArmBench, RoverBench
 BOUND = 10.0
 REPETITIONS = 5
 SECONDS = 1.0
-SIZES = ((96, 54), (160, 90), (320, 180), (640, 360))
+SIZES = ((160, 90), (640, 360))
 
 
 def compared(cells: dict[str, Cell]) -> dict[str, dict[str, float]]:
@@ -97,9 +95,6 @@ def fastest(work: Callable[[], object]) -> float:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
-    as_json = parser.parse_args().json
     cells = {
         "arm at rest": at_rest(),
         "arm moving": moving(),
@@ -115,18 +110,11 @@ def main() -> None:
         pictures[f"{width}x{height}"] = fastest(
             lambda studio=studio, w=width, h=height: jpeg(studio.picture(resting.published, "cell", w, h), 75)
         )
-    nan = float("nan")
-    arm = ArmBench().world.arm
-    plan = fastest(lambda: arm.prepare(Verb.GO_TO, (0.3, 0.3, 0.2, 0.5, nan, nan, nan)))
-    if as_json:
-        print(json.dumps({"bound": BOUND, "factors": factors, "picture_ms": pictures, "plan_ms": plan}))
-        return
     for name, values in factors.items():
         verdict = "" if values["factor"] >= BOUND else f", below the bound of {BOUND:g}"
         print(f"{name:14} {values['factor']:6.1f} x real time, {values['wall_factor']:.1f} by wall{verdict}")
     for size, cost in pictures.items():
         print(f"picture {size:>8} {cost:6.1f} ms")
-    print(f"plan of a line {plan:8.1f} ms")
 
 
 if __name__ == "__main__":

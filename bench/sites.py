@@ -13,15 +13,12 @@ take is calculated from these.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import datetime as dt
 import logging
 import os
 import statistics
-import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -29,6 +26,7 @@ from pathlib import Path
 
 import zenoh
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from measuring import apart, clock, end, memory, options, quantile, start, stay
 
 from robotree.vr.base.envelope import seal
 from robotree.vr.base.requests import Call
@@ -58,28 +56,11 @@ LONGEST = 60.0
 """[s] for anything here."""
 
 
-def spawn(*words: str, on: list[str]) -> subprocess.Popen[str]:
-    """Start this file as another process, and wait until it is up; `on` are the words that start it there."""
-    process = subprocess.Popen(
-        [*on, sys.executable, __file__, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    if process.stdout is not None:
-        process.stdout.readline()
-    return process
-
-
-def wait_for_the_end() -> None:
-    """In the other process: it is up."""
-    print("ready", flush=True)
-    sys.stdin.read()
-
-
 def be_hub(address: str, folder: str) -> None:
     """Be a hub."""
     found = certificate_in(Path(folder), dt.datetime.now(dt.UTC))
-    session = open_hub(address_of(address), found)
-    wait_for_the_end()
-    session.close()
+    _session = open_hub(address_of(address), found)
+    stay()
 
 
 def be_gateway(root: str, keys: str) -> None:
@@ -92,9 +73,7 @@ def be_gateway(root: str, keys: str) -> None:
             transport, ZenohPipe(known.hubs), known, ground=transport.mesh, stop_here=stop_nothing
         )
         await gateway.open()
-        await asyncio.to_thread(wait_for_the_end)
-        await gateway.close()
-        await transport.close()
+        await asyncio.to_thread(stay)
 
     asyncio.run(run())
 
@@ -112,8 +91,7 @@ def be_robots(root: str, count: str) -> None:
     mesh.serve(KEY, lambda body, _sender, _urgent, _respond, end: end(body))
     for number in range(int(count)):
         mesh.announce(KEY if number == 0 else f"robot/r{number}/{os.getpid()}")
-    wait_for_the_end()
-    mesh.close().result(LONGEST)
+    stay()
 
 
 def client(address: str, certificate: Path) -> zenoh.Session:
@@ -139,8 +117,7 @@ def be_bare(address: str, certificate: str) -> None:
     session.declare_queryable(
         "bare/echo", zenoh.handlers.Callback(lambda query: query.reply("bare/echo", BODY), indirect=False)
     )
-    wait_for_the_end()
-    session.close()
+    stay()
 
 
 def query(session: zenoh.Session) -> None:
@@ -178,16 +155,6 @@ def until(holds: Callable[[], bool]) -> float:
     return time.perf_counter() - begin
 
 
-def clock(way: Callable[[], object]) -> list[float]:
-    """Return how long each of a round of trips took [us]."""
-    found = list[float]()
-    for _ in range(TURN):
-        begin = time.perf_counter()
-        way()
-        found.append((time.perf_counter() - begin) * 1e6)
-    return found
-
-
 def realm_of(folder: Path, hubs: tuple[Hub, ...], names: list[str]) -> list[RealmKeys]:
     """Make the keys of a realm without a line."""
     now = time.time()
@@ -205,17 +172,17 @@ def trips(folder: Path, rounds: int, ground: Ground) -> None:
     on = ground.prefix
     address = f"tls:{ground.listens('hub')}"
     certificate = certificate_in(folder / "tls", dt.datetime.now(dt.UTC))
-    running = [spawn("hub", address, str(folder / "tls"), on=on("hub"))]
+    running = [start(__file__, "hub", address, folder / "tls", on=on("hub"))]
     hub = Hub(address, certificate.fingerprint)
     keys = realm_of(folder, (hub,), ["lab", "hall"])
     roots = {name: folder / f"run-{name}" for name in ("lab", "hall")}
     for root in roots.values():
         root.mkdir(mode=0o700)
     running += [
-        spawn("robots", str(roots["hall"]), "1", on=on("hall")),
-        spawn("bare", address, str(certificate.certificate), on=on("hall")),
+        start(__file__, "robots", roots["hall"], 1, on=on("hall")),
+        start(__file__, "bare", address, certificate.certificate, on=on("hall")),
     ]
-    running += [spawn("gateway", str(roots[one.name]), str(one.folder), on=on(one.name)) for one in keys]
+    running += [start(__file__, "gateway", roots[one.name], one.folder, on=on(one.name)) for one in keys]
     near, far = (Mesh(Rendezvous("plant", roots[name])) for name in ("hall", "lab"))
     for mesh in (near, far):
         mesh.open()
@@ -229,13 +196,12 @@ def trips(folder: Path, rounds: int, ground: Ground) -> None:
     found = {name: list[float]() for name in ways}
     for turn in range(rounds + 1):
         for name, way in ways.items():
-            times = clock(way)
+            times = clock(way, TURN)
             if turn:
                 found[name] += times
     base = statistics.median(found["bare Zenoh query through the hub"])
     for name, times in found.items():
-        p90 = statistics.quantiles(times, n=10)[-1]
-        middle = statistics.median(times)
+        p90, middle = quantile(times, 0.9), statistics.median(times)
         print(f"{name:36} p50 {middle:7.0f}  p90 {p90:7.0f} us   {middle / base:5.2f} x bare query")
     joins = list[float]()
     for number in range(5):
@@ -247,9 +213,7 @@ def trips(folder: Path, rounds: int, ground: Ground) -> None:
     session.close()
     for mesh in (near, far):
         mesh.close().result(LONGEST)
-    for process in running[::-1]:
-        process.kill()
-        process.communicate()
+    end(running[::-1])
 
 
 async def on_ground(folder: Path, rounds: int, *, lan: bool) -> None:
@@ -284,13 +248,13 @@ async def crowd(folder: Path, robots: int, sites: int) -> None:
         gateways.append(Gateway(near, pipe, one, ground=near.mesh, stop_here=stop_nothing))
         await gateways[-1].open()
     await asyncio.to_thread(until, lambda: all(linked(one) == sites - 1 for one in gateways))
-    before, process_before, begin = rss(), time.process_time(), time.perf_counter()
+    before, process_before, begin = memory(os.getpid()), time.process_time(), time.perf_counter()
     for number in range(robots):
         members[number % sites].mesh.announce(f"robot/r{number}/1")
     await asyncio.to_thread(
         until, lambda: all(len(member.presence.keys("robot/**")) == robots for member in members)
     )
-    took, grown = time.perf_counter() - begin, rss() - before
+    took, grown = time.perf_counter() - begin, memory(os.getpid()) - before
     busy = time.process_time() - process_before
     hub.on_way = count
     await asyncio.sleep(2)
@@ -320,35 +284,25 @@ def linked(gateway: Gateway) -> int:
     return sum(site.stream is not None for site in list(gateway.sites.values()))
 
 
-def rss() -> int:
-    """Return the memory of this process [bytes]."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
 BE = {"hub": be_hub, "gateway": be_gateway, "robots": be_robots, "bare": be_bare}
 
 
-def main() -> int:
+def main() -> None:
     """Print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, default=6)
-    parser.add_argument("--robots", default="10,100,1000")
-    parser.add_argument("--lan", action="store_true")
-    given = parser.parse_args()
+    given = options(__doc__, rounds=6, robots="10,100,1000", lan=False)
     logging.disable()  # that sites are linked is no news here
-    with tempfile.TemporaryDirectory(prefix="rt-") as folder:
+    with apart() as folder:
         if given.rounds:
-            (Path(folder) / "trips").mkdir()
-            asyncio.run(on_ground(Path(folder) / "trips", given.rounds, lan=given.lan))
+            (folder / "trips").mkdir()
+            asyncio.run(on_ground(folder / "trips", given.rounds, lan=given.lan))
         for robots in map(int, filter(None, given.robots.split(","))):
-            place = Path(folder) / f"crowd-{robots}"
+            place = folder / f"crowd-{robots}"
             place.mkdir()
             asyncio.run(crowd(place, robots, 10))
-    return 0
 
 
 if __name__ == "__main__":
     if len(sys.argv) > 2 and sys.argv[1] in BE:
         BE[sys.argv[1]](*sys.argv[2:])
     else:
-        raise SystemExit(main())
+        main()

@@ -16,17 +16,16 @@ write 164 us, take 156 us, from another process; they survive the end of a proce
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import statistics
-import subprocess
 import sys
-import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
+
+from measuring import apart, clock, options, started, stay
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the server is started as the tests do
 
@@ -77,12 +76,8 @@ class Clock:
 
     def measure(self, what: str, operation: Operation, places: list[str]) -> None:
         """Do it for each place; keep the times [us]."""
-        taken: list[float] = []
-        for place in places:
-            began = time.perf_counter()
-            operation(place)
-            taken.append((time.perf_counter() - began) * 1e6)
-        self.times.setdefault(what, []).append(taken)
+        left = iter(places)
+        self.times.setdefault(what, []).append(clock(lambda: operation(next(left)), len(places)))
 
     def show(self, name: str) -> None:
         """Print a line."""
@@ -166,21 +161,7 @@ async def be(words: list[str]) -> None:
 
     await transport.serve(ECHO, answer)
     await transport.announce(ECHO)
-    print("ready", flush=True)
-    await asyncio.get_running_loop().create_future()
-
-
-@contextlib.contextmanager
-def process(*words: str) -> Iterator[None]:
-    """Have a process of this file for the time of a block."""
-    line = [sys.executable, __file__, "--be", *words]
-    with subprocess.Popen(line, stdout=subprocess.PIPE) as running:
-        try:
-            assert running.stdout
-            assert running.stdout.readline() == b"ready\n"
-            yield
-        finally:
-            running.terminate()
+    await asyncio.to_thread(stay)
 
 
 def stores(folder: Path, url: str) -> dict[str, tuple[str, str]]:
@@ -208,19 +189,17 @@ def measure(lines: dict[str, tuple[Operation, Operation]], rounds: int, extra: d
             places = [f"{name} {number} {one}" for one in range(PORTION)]
             clocks[name].measure("write", write, places)
             clocks[name].measure("take", take, places)
-    for name, clock in clocks.items():
-        for times in clock.times.values():
+    for name, line in clocks.items():
+        for times in line.times.values():
             del times[0]  # it warms up
-        clock.show(name)
+        line.show(name)
 
 
 async def measure_pages(folder: Path, url: str, rounds: int) -> None:
     """Measure from another process."""
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(process("echo"))
-        found = stores(folder, url)
-        for number, (store, durability) in enumerate(found.values()):
-            stack.enter_context(process(f"s{number}", store, durability))
+    found = stores(folder, url)
+    words = [(__file__, f"s{number}", *where) for number, where in enumerate(found.values())]
+    with started((__file__, "echo"), *words):
         transport = await join(REALM)
         await transport.announce("caller/bench")
         for number in range(len(found)):
@@ -235,14 +214,7 @@ async def measure_pages(folder: Path, url: str, rounds: int) -> None:
 
 def main() -> None:
     """Measure all stores."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--rounds", type=int, default=10)
-    parser.add_argument("--be", nargs="+")
-    given = parser.parse_args()
-    if given.be:
-        with contextlib.suppress(KeyboardInterrupt):
-            asyncio.run(be(given.be))
-        return
+    rounds = options(__doc__, rounds=10).rounds
     with contextlib.ExitStack() as stack:
         url = ""
         if reason := lacking():
@@ -250,18 +222,18 @@ def main() -> None:
         else:
             url = stack.enter_context(server()).url
         print("store")
-        with tempfile.TemporaryDirectory() as name:
-            opened = {
-                each: open_store("bench", store, durability)
-                for each, (store, durability) in stores(Path(name), url).items()
-            }
-            measure({each: direct(store) for each, store in opened.items()}, given.rounds, {})
+        with apart(REALM) as folder:
+            opened = {name: open_store("bench", *where) for name, where in stores(folder, url).items()}
+            measure({name: direct(store) for name, store in opened.items()}, rounds, {})
             for store in opened.values():
                 store.close()
         print("page")
-        with tempfile.TemporaryDirectory() as name:
-            asyncio.run(measure_pages(Path(name), url, given.rounds))
+        with apart(REALM) as folder:
+            asyncio.run(measure_pages(folder, url, rounds))
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:2] == ["echo"] or len(sys.argv) == 4:
+        asyncio.run(be(sys.argv[1:]))
+    else:
+        main()

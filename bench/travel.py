@@ -1,6 +1,6 @@
 """Whether a robot that moves between two sites in the middle of a motion repeats or leaves out a step.
 
-    python bench/travel.py [--moves N] [--delay MS] [--speedup FACTOR] [--json]
+    python bench/travel.py [--moves N] [--delay MS] [--speedup FACTOR]
 
 Two sites as in `robotree demo travel`, a line between them that delays, and a robot that moves the arm of one
 of them in small and watched steps, without end. Meanwhile it moves to and fro between the sites, code and
@@ -10,13 +10,13 @@ speed of the tool is what its readings say.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
-import json
 import math
+import statistics
 import time
 from contextlib import AsyncExitStack, suppress
-from typing import Any
+
+from measuring import options, tell
 
 from robotree.client.joining import joined
 from robotree.tui.demo import ARM, HOST
@@ -52,7 +52,7 @@ class Tool:
             self._before = now, at
 
 
-async def measured(moves: int, sites: Travel, speedup: float) -> dict[str, Any]:
+async def measured(moves: int, sites: Travel, speedup: float) -> dict[str, float]:
     """Move the robot to and fro while it works."""
     async with joined(REALM) as realm_client:
         await sites.open(realm_client)
@@ -82,15 +82,18 @@ async def measured(moves: int, sites: Travel, speedup: float) -> dict[str, Any]:
         await working
         watching.cancel()
         twice, lost = counted(begun_in(sites.goals)[before:], sweeps * STEPS)
-    took.sort()
     return {
-        "moves": moves, "steps": sweeps * STEPS, "twice": twice, "lost": lost,
-        "move_p50_s": round(took[len(took) // 2], 2), "move_max_s": round(took[-1], 2),
-        "tool_m_per_s": round(tool.fastest, 4), "limit_m_per_s": LIMIT,
-    }  # fmt: skip
+        "moves": moves,
+        "steps": sweeps * STEPS,
+        "steps twice": twice,
+        "steps lost": lost,
+        "a move, p50, s": statistics.median(took),
+        "a move, most, s": max(took),
+        f"the tool at its fastest, of {LIMIT} m/s": tool.fastest,
+    }
 
 
-async def run(moves: int, delay: int, speedup: str) -> dict[str, Any]:
+async def run(moves: int, delay: int, speedup: str) -> dict[str, float]:
     """Start everything, and measure."""
     with places() as folders:
         async with AsyncExitStack() as stack:
@@ -99,24 +102,6 @@ async def run(moves: int, delay: int, speedup: str) -> dict[str, Any]:
             return await measured(moves, sites, float(speedup))
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--moves", type=int, default=200)
-    parser.add_argument("--delay", type=int, default=150)
-    parser.add_argument("--speedup", default="1")
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    found = asyncio.run(run(given.moves, given.delay, given.speedup))
-    if given.json:
-        print(json.dumps(found))
-        return
-    print(
-        f"{found['moves']} moves during {found['steps']} steps: {found['twice']} twice, {found['lost']} lost"
-    )
-    print(f"a move took {found['move_p50_s']} s (p50), {found['move_max_s']} s at most")
-    print(f"the tool was at most {found['tool_m_per_s']} m/s fast, of {found['limit_m_per_s']}")
-
-
 if __name__ == "__main__":
-    main()
+    given = options(__doc__, moves=200, delay=150, speedup="1")
+    tell(asyncio.run(run(given.moves, given.delay, given.speedup)))

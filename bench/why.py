@@ -8,12 +8,12 @@ is 1 s. The cost of a call is measured on a machine with and without a queue, al
 
 from __future__ import annotations
 
-import argparse
 import json
-import tempfile
 import time
 from pathlib import Path
 from statistics import median
+
+from measuring import apart, options
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.history_event import HistoryEvent
@@ -106,12 +106,9 @@ def cost(machine: RobotCore) -> float:
 
 def main() -> None:
     """Measure, and print one JSON line."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--robots", type=int, default=1000)
-    parser.add_argument("--calls", type=int, default=1440)
-    given = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "history.db"
+    given = options(__doc__, robots=1000, calls=1440)
+    with apart() as folder:
+        path = folder / "history.db"
         file = HistoryFile(path, writes=True)
         begun = time.perf_counter()
         count = fill(file, given.robots, given.calls)
@@ -127,7 +124,7 @@ def main() -> None:
         bare: list[float] = []
         for number in range(9):  # alternately: with a queue alone, and with the thread that empties it
             bare.append(cost(plain))
-            history = HistoryWriter(Path(folder) / str(number))
+            history = HistoryWriter(folder / str(number))
             kept.append(cost(core(history)))
             history.start()
             thread.append(cost(core(history)))

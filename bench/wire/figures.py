@@ -81,7 +81,7 @@ def round_trips(rounds: int = 500) -> Iterable[Figure]:
 
     bare, tcp, fd, classic = asyncio.run(compare(rounds))
     _, tcp_50, fd_50, _ = asyncio.run(compare(rounds // 50, turn=50))
-    aside = f"; classic CAN {classic.ratio:.1f}"
+    aside = f"; classic CAN {classic.median * 1e6:.0f} us, {classic.ratio:.1f} x"
     for promise, way, turned, also in ((TCP, tcp, tcp_50, ""), (CAN_FD, fd, fd_50, aside)):
         low, high = way.usual
         detail = f"{way.median * 1e6:.0f} us, bare echo {bare.median * 1e6:.0f} us"

@@ -9,7 +9,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Awaitable, Callable, Generator, Mapping
+from collections.abc import Awaitable, Callable, Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -36,8 +36,6 @@ class Way(NamedTuple):
     name: str
     median: float
     """[s]"""
-    late: float
-    """[s] that 99 of 100 trips do not exceed."""
     ratios: tuple[float, ...]
     """Of the medians to that of the bare echo, round by round, sorted."""
 
@@ -156,14 +154,13 @@ class Asking:
         await self._back.wait()
 
 
-async def compare(rounds: int = 500, turn: int = 1, more: Mapping[str, Trip] | None = None) -> list[Way]:
+async def compare(rounds: int = 500, turn: int = 1) -> list[Way]:
     """The bare echo, and PING over TCP, over CAN FD and over classic CAN on the loopback bus.
 
     Args:
         rounds: how many turns each way gets.
         turn: round trips of one turn. Back to back they are faster, the bare echo most of all: it alone
             finds all it needs in the processor's caches. A ping of the real world comes alone.
-        more: further trips that take turns with these.
 
     Returns:
         What each way took, the bare echo first.
@@ -186,7 +183,7 @@ async def compare(rounds: int = 500, turn: int = 1, more: Mapping[str, Trip] | N
         for trip in trips.values():  # each can be gone, and is warm
             async with asyncio.timeout(FIRST_TRIP_WITHIN):
                 await trip()
-        results = await _take_turns({**trips, **(more or {})}, rounds, turn)
+        results = await _take_turns(trips, rounds, turn)
         for link in links:
             link.close()
         bare.close()
@@ -211,7 +208,6 @@ async def _take_turns(trips: dict[str, Trip], rounds: int, turn: int) -> list[Wa
         Way(
             name,
             statistics.median(times[name]),
-            sorted(times[name])[len(times[name]) * 99 // 100],
             tuple(sorted(ours / theirs for ours, theirs in zip(each, bare, strict=True))),
         )
         for name, each in medians.items()
