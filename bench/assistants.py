@@ -158,7 +158,8 @@ async def measure(key: str, given: argparse.Namespace) -> None:
                 assisted.append((time.perf_counter() - began) * 1e3)
                 assert not answer.is_error, answer  # noqa: S101 # a refusal is quick
                 await asyncio.sleep(APART)
-            by_client, more = statistics.median(direct), statistics.median(assisted) - statistics.median(direct)
+            by_client = statistics.median(direct)
+            more = statistics.median(assisted) - by_client
             print(f"a call {what}: by an assistant {middle(assisted, 'ms')}, by a client {by_client:.1f};"
                   f" overhead {more:.1f} ms, {given.calls} calls")  # fmt: skip
     print(f"load {os.getloadavg()[0]:.1f}")
