@@ -97,9 +97,9 @@ class _Both:
     def __init__(self, record: Journal, kept: HostJournal) -> None:
         self._record, self._kept = record, kept
 
-    def append(self, robot: str, now: float, event: CoreEvent) -> int:
+    def append(self, robot: str, now: float, event: CoreEvent) -> None:
         self._record.append(robot, now, event)
-        return self._kept.append(robot, now, event)
+        self._kept.append(robot, now, event)
 
-    def commit(self, number: int) -> None:
-        self._kept.commit(number)
+    def commit(self) -> None:
+        self._kept.commit()

@@ -169,15 +169,14 @@ class Journal:
         self._paths, self._now = paths, now
         self._by_key: dict[tuple[str, str], Step] = {}
 
-    def append(self, robot: str, now: float, event: CoreEvent) -> int:
+    def append(self, robot: str, now: float, event: CoreEvent) -> None:
         del now  # of the robot's own process
         if isinstance(event, on.Invoke):
             self._begin(robot, event)
         elif isinstance(event, on.Finish):
             self._end(robot, event)
-        return 0
 
-    def commit(self, number: int) -> None:
+    def commit(self) -> None:
         """Nothing waits: this journal is in memory."""
 
     def arguments(self, robot: str, key: str) -> Mapping[str, Any]:

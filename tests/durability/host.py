@@ -85,15 +85,14 @@ class Disk(segments.OSDisk):
 class Journal(HostJournal):
     """The journal on that disk, with a moment after each record."""
 
-    def append(self, robot: str, now: float, event: on.CoreEvent) -> int:
+    def append(self, robot: str, now: float, event: on.CoreEvent) -> None:
         if isinstance(event, on.Invoke) and not event.call.source and not event.reads:
             countdown.armed = True
-        number = super().append(robot, now, event)
+        super().append(robot, now, event)
         if isinstance(event, on.StepTaken):
             countdown.here("after step")
         if isinstance(event, on.Finish):
             countdown.here("after end")
-        return number
 
     def barrier(self) -> None:
         if WITHOUT != "commit" or not countdown.armed:

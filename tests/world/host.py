@@ -88,15 +88,13 @@ class SlowJournal:
         self._runner, self._slow, self._chance = process.runner, slow, chance
         self.events: list[tuple[str, CoreEvent]] = []
 
-    def append(self, robot: str, now: float, event: CoreEvent) -> int:
+    def append(self, robot: str, now: float, event: CoreEvent) -> None:
         del now
         self._runner.runner.point()
         self.events.append((robot, event))
         self._runner.runner.point()
-        return len(self.events)
 
-    def commit(self, number: int) -> None:
-        del number
+    def commit(self) -> None:
         self._runner.runner.point()
         if self._slow and self._chance() < 0.2:
             self._runner.waiter().wait(self._chance() * self._slow)

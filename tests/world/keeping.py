@@ -108,15 +108,14 @@ class WatchedJournal(HostJournal):
         self._keep, self._moment = keep, moment
         super().__init__(keep.folder, clocks, boot=f"boot {keep.boots}", disk=disk)
 
-    def append(self, robot: str, now: float, event: CoreEvent) -> int:
+    def append(self, robot: str, now: float, event: CoreEvent) -> None:
         shadow = self._keep.shadows.get(robot) if robot in self._numbers else None
         if shadow is not None:
             shadow.events.append((now, event))
-        number = super().append(robot, now, event)
+        super().append(robot, now, event)
         if shadow is not None:
             shadow.count += 1
         self._moment("after event")
-        return number
 
     def made(self, key: str, name: str, page: KeptPage, look: Any) -> None:
         def watched(enter: Callable[[RobotState], None]) -> None:

@@ -335,11 +335,10 @@ class _Book:
         self.written: list[CoreEvent] = []
         self.handled: list[CoreEvent] = []
 
-    def append(self, _robot: str, _now: float, event: CoreEvent) -> int:
+    def append(self, _robot: str, _now: float, event: CoreEvent) -> None:
         self.written.append(event)
-        return len(self.written)
 
-    def commit(self, _number: int) -> None: ...
+    def commit(self) -> None: ...
 
     def core(self, state: RobotState) -> RobotCore:
         book = self

@@ -261,15 +261,13 @@ class HostJournal:
 
     # -- what a robot's runtime tells -------------------------------------------------------------
 
-    def append(self, robot: str, now: float, event: CoreEvent) -> int:
+    def append(self, robot: str, now: float, event: CoreEvent) -> None:
         number = self._numbers.get(robot)
         if number is not None:
             self._put(Happened(number, now, event))
-        return 0
 
-    def commit(self, number: int) -> None:
+    def commit(self) -> None:
         """Wait for nothing: `Outlet` does, before anything leaves the process."""
-        del number
         if len(self._buffer) > FULL:
             self.barrier()
 

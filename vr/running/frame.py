@@ -244,7 +244,7 @@ class Frame:
         return self.above is not None
 
     def rouse(self) -> None:
-        """See `ice.AtWork`."""
+        """Have its thread look around. From any thread."""
         self.worker.waiter.wake()
 
     def stand(self) -> None:

@@ -34,18 +34,12 @@ IDLE = 2.0
 if TYPE_CHECKING:
     import typing_extensions
 
+    from robotree.vr.running.frame import Frame
+
     R = typing_extensions.TypeVar("R", default=Any)
     """The robots of a process, as their runtimes know each other."""
 else:
     R = TypeVar("R")
-
-
-class StandingFrame(Protocol):
-    """A frame."""
-
-    def stand(self) -> None:
-        """Wait while its robot is about to leave; see `ice.py`."""
-        ...
 
 
 class Worker:
@@ -86,7 +80,7 @@ class Worker:
 
     # -- interruptions ----------------------------------------------------------------------------
 
-    def arm(self, frame: StandingFrame) -> None:
+    def arm(self, frame: Frame) -> None:
         """The author's code of a frame is at work from now on."""
         if self.process.still:
             frame.stand()
@@ -125,21 +119,18 @@ class Worker:
 class Journal(Protocol):
     """Where the events of robots are written, in their order, before they have consequences."""
 
-    def append(self, robot: str, now: float, event: CoreEvent) -> int:
+    def append(self, robot: str, now: float, event: CoreEvent) -> None:
         """Take an event; never blocks.
 
         Args:
             robot: key of its address.
             now: [s] on the robot's clock: an input of the machine as much as the event is.
             event: as handled, not refused.
-
-        Returns:
-            A number for `commit`; 0: there is nothing to wait for.
         """
         ...
 
-    def commit(self, number: int) -> None:
-        """Wait until the event, and all before it, would survive the process."""
+    def commit(self) -> None:
+        """Wait until all events that were taken would survive the process, or what follows waits for it."""
         ...
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from functools import partial
 from types import FrameType
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import msgspec
 
@@ -59,12 +59,15 @@ from robotree.vr.core.machine import AcceptedCall, Lap, RobotCore, RobotState
 from robotree.vr.core.traffic import BondTraffic
 from robotree.vr.exchange.asking import TakeReply, send_request
 from robotree.vr.exchange.authority import OF_LEASES, Here, authorise, expect_still
-from robotree.vr.running.ice import AtWork, Frozen, Ice
+from robotree.vr.running.ice import Frozen, Ice
 from robotree.vr.running.log import Log, waits
 from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.run import NO_PROGRESS, HeldStep, Listener, OfferedTurn, Run
+
+if TYPE_CHECKING:
+    from robotree.vr.running.frame import Frame
 
 LONGEST_NOTE = 80
 """Characters of a command's progress text that the state of its robot contains."""
@@ -133,9 +136,6 @@ class RobotRuntime:
     on_locate: Callable[[str, Callable[[str | VrError], None]], None] | None = None
     """Finds the host of the child in a slot, or one beside it. None: its process is no host."""
     _last_obeyed: int = -1
-    _written: int = 0
-    """The number that the journal returned for the last event."""
-
     _looks: bool = False
     """Whether people whose commands wait are told of it again in a moment."""
     ice: Ice | None = None
@@ -199,7 +199,7 @@ class RobotRuntime:
         self.isolated = robot.isolated  # its commands always run on workers of their own
         if isinstance(robot, VirtualRobot):
             self._give_state(robot)
-        self.frames = set[AtWork]()  # its code that is at work
+        self.frames = set[Frame]()  # its code that is at work
         self.runs: dict[str, Run] = {}  # its calls that have not ended, by key
         self._interrupted = self._interrupted_calls()
         self.describe_child, self.follow_child = describe_child, follow_child
@@ -262,9 +262,9 @@ class RobotRuntime:
                     self._run_of(event.call.key).attend(listener, turn)
             turned = None if self._coming is None else self._turn_page(effects, now)
             shows = self._shows(effects)
-            due, written = self.core.due, self._written
+            due = self.core.due
         if self._journal is not None:
-            self._journal.commit(written)
+            self._journal.commit()
         if refusal is None and accepted is not None:
             accepted()
         if turned is not None:
@@ -421,7 +421,7 @@ class RobotRuntime:
             urgent=True,
         )
 
-    def frame_ended(self, frame: AtWork) -> None:
+    def frame_ended(self, frame: Frame) -> None:
         """Take note that code of it has ended. From any thread."""
         self.frames.discard(frame)
         if self.ice is not None:
@@ -566,13 +566,8 @@ class RobotRuntime:
         """Let an event change the state, and write it down; returns what follows. Under the lock."""
         effects = self.core.handle(event, now)
         if self._journal is not None:
-            self._written = self._journal.append(self.key, now, event)
+            self._journal.append(self.key, now, event)
         return effects
-
-    @property
-    def keeps_steps(self) -> bool:
-        """Whether what the steps of its commands give is kept, so that they can go on after a crash."""
-        return self.process.keeps_steps
 
     def keep_step(self, key: str, path: str, step: on.StepResult) -> None:
         """Keep what a step of a running command gave. From any thread."""

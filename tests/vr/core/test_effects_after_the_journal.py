@@ -25,12 +25,11 @@ class Book:
         self.events: list[CoreEvent] = []
         self.committed = 0
 
-    def append(self, _robot: str, _now: float, event: CoreEvent) -> int:
+    def append(self, _robot: str, _now: float, event: CoreEvent) -> None:
         self.events.append(event)
-        return len(self.events)
 
-    def commit(self, number: int) -> None:
-        self.committed = max(self.committed, number)
+    def commit(self) -> None:
+        self.committed = len(self.events)
 
     @property
     def is_whole(self) -> bool:
@@ -144,10 +143,10 @@ async def test_an_interruption_that_is_written_down_when_its_call_has_ended_leav
     realm: Any,
 ) -> None:
     class SlowForCancels(Book):
-        def commit(self, number: int) -> None:
-            if isinstance(self.events[number - 1], on.CancelAsked):
+        def commit(self) -> None:
+            if isinstance(self.events[-1], on.CancelAsked):
                 realm.runner.waiter().wait(1.0)
-            super().commit(number)
+            super().commit()
 
     page = await realm.start(Napper("page"), process=Process(realm.runner, SlowForCancels()))
     napping = asyncio.ensure_future(realm.client(page).call("nap", {}))

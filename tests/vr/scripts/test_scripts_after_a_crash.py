@@ -72,11 +72,10 @@ class EagerJournal(HostJournal):
 
     ends: list[int]
 
-    def append(self, robot: str, now: float, event: CoreEvent) -> int:
-        number = super().append(robot, now, event)
+    def append(self, robot: str, now: float, event: CoreEvent) -> None:
+        super().append(robot, now, event)
         self.barrier()
         self.ends.append(self.size)
-        return number
 
     @property
     def file(self) -> Path:
