@@ -12,12 +12,11 @@ import contextlib
 import logging
 import math
 from collections.abc import Awaitable, Callable, Iterable, Sequence
-from contextvars import Context
 from functools import partial
-from typing import Any
 
 import msgspec
 
+from robotree.vr.agents import pauses
 from robotree.vr.agents.callers import ARRIVAL, GONE, Callers
 from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.choosing import Choosing
@@ -25,9 +24,8 @@ from robotree.vr.agents.drills import Drills
 from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.lent_roles import LentRoles
 from robotree.vr.agents.outside import OutsideCalls
-from robotree.vr.agents.pauses import Pauses
 from robotree.vr.agents.publisher import Publisher
-from robotree.vr.agents.shared import Shared
+from robotree.vr.agents.shared import Beside, Shared
 from robotree.vr.agents.stops import Stops
 from robotree.vr.agents.streams import Streams
 from robotree.vr.agents.taker import OrderTaker, say_deleted
@@ -110,7 +108,7 @@ from robotree.vr.running.frame import LONGEST_END
 from robotree.vr.running.ice import Ice
 from robotree.vr.running.process import Process
 from robotree.vr.running.robot_runtime import NotDescribed, OnDescribed, RobotRuntime
-from robotree.vr.running.runner import runner_of
+from robotree.vr.running.runner import runner_of, soon
 
 PARTING = 0.5
 """[s] in which commands may end by themselves when their robot's process ends; the others end with it."""
@@ -180,6 +178,7 @@ class RobotAgent:
         self.open = False
         """Whether it takes anything new."""
         self._loop = asyncio.get_running_loop()
+        self._on_loop = partial(soon, self._loop)
         self._process = Process(runner_of(self._loop)) if process is None else process
         self._owns_process = process is None
         self._shared = Shared() if shared is None else shared
@@ -261,7 +260,7 @@ class RobotAgent:
         self._ending: asyncio.Task[None] | None = None
         self._gone: asyncio.Future[None] = self._loop.create_future()
         self._farewells: list[Callable[[str], None]] = []
-        self._asides: set[asyncio.Future[Any]] = set()
+        self._asides = Beside()
 
     # -- coming and going -------------------------------------------------------------------------
 
@@ -644,10 +643,6 @@ class RobotAgent:
         """Describe the robot as it is now."""
         return self._publisher.description()
 
-    def _on_loop(self, action: Callable[[], None]) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(action, context=Context())
-
     def _take_effect(self, effect: CoreEffect) -> None:
         if isinstance(effect, LeaseEnded):
             _log.info("%s is free again: %s", self.robot.name, effect.reason)
@@ -722,7 +717,7 @@ class RobotAgent:
                 self._note_order(f"{request.slot}: released", asker)
                 return Described(robot=self.description())
             case TakeStep():
-                return await self._pauses().step(request, asker)
+                return await pauses.step(self.runtime, self._with_steps(), request, asker)
             case Delete():
                 self._note_order("deleted", asker)
                 await self._delete(lambda left: send(Done(note=left)))
@@ -770,9 +765,11 @@ class RobotAgent:
             case Decide():
                 return self._decide(request, asker)
             case Pause():
-                return self._pauses().pause(asker)
+                self._with_steps()
+                return pauses.pause(self.runtime, asker)
             case Continue():
-                return self._pauses().go_on(asker)
+                self._with_steps()
+                return pauses.go_on(self.runtime, asker)
             case SetPlacement():
                 return self._place(request, asker)
             case Disturb():
@@ -835,9 +832,8 @@ class RobotAgent:
         )
         return Done(note=self.runtime.look(lambda state: state.control.holder.person))
 
-    def _pauses(self) -> Pauses:
-        children = self._virtual("be paused: it has no steps; pause its parent, or stop it")
-        return Pauses(self.runtime, children)
+    def _with_steps(self) -> ChildKeeper:
+        return self._virtual("be paused: it has no steps; pause its parent, or stop it")
 
     # -- who commands it --------------------------------------------------------------------------
 
@@ -995,7 +991,7 @@ class RobotAgent:
                 error = VrError(detail=f"{self.robot.name}: internal error: {fault!r}")
             done(error)
 
-        self._on_loop(lambda: self._keep(ask()))
+        self._on_loop(lambda: self._asides.begin(ask()))
 
     def _follow_child(
         self, child: Address, topic: str, take: Callable[[State | StreamSample], None]
@@ -1021,13 +1017,8 @@ class RobotAgent:
                 finally:
                     await registration.close()
 
-        self._on_loop(lambda: self._keep(follow()))
+        self._on_loop(lambda: self._asides.begin(follow()))
         return lambda: self._on_loop(over.set)
-
-    def _keep(self, work: Awaitable[Any]) -> None:
-        task = asyncio.ensure_future(work)
-        self._asides.add(task)
-        task.add_done_callback(self._asides.discard)
 
 
 def _granted(effects: Sequence[CoreEffect], news: RobotDescription | None, returns: float) -> Granted:

@@ -8,13 +8,13 @@ with its presence the bond ends, and with the bond its commands.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
-from contextvars import Context
+from functools import partial
 
 from robotree.vr.base.presence import Presence, Undo
 from robotree.vr.core import events as on
 from robotree.vr.running.robot_runtime import RobotRuntime
+from robotree.vr.running.runner import soon
 
 ARRIVAL = 0.5
 """[s] that the news of a caller's presence may come later than its call: they take different connections."""
@@ -65,8 +65,7 @@ class Callers:
             if unknown:
                 self._watching[caller] = None
         if unknown:
-            with contextlib.suppress(RuntimeError):  # the loop is closed: the robot ends itself
-                self._loop.call_soon_threadsafe(self._watch, caller, context=Context())
+            soon(self._loop, partial(self._watch, caller))
 
     def watch_operators(self, agents: frozenset[str]) -> None:
         """Have an operator lose control when the program has gone. On the loop.

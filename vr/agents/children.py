@@ -12,6 +12,7 @@ import logging
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from robotree.vr.agents.shared import Beside
 from robotree.vr.author.virtual_robot import VirtualRobot, slots_of
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import CommandSpec, RobotDescription, SlotSpec, offered
@@ -79,14 +80,14 @@ class ChildKeeper:
         self._term = term
         self._watching: dict[str, Undo] = {}
         """The children whose presence is watched, by slot."""
-        self._retracting: dict[asyncio.Task[None], None] = {}
+        self._retracting = Beside()
         self._returning: dict[str, asyncio.Task[None]] = {}
         """Those that bind a lost child again, by slot."""
         self._lives: dict[str, Undo] = {}
         """The robots whose lives are watched, by slot that watches."""
         self._homes: dict[str, tuple[str, str]] = {}
         """Site and identity of each robot that is watched, as it was seen last, by slot."""
-        self._considering: dict[asyncio.Task[None], None] = {}
+        self._considering = Beside()
         """Looks whether a robot that has come is one that is watched."""
         self._closed = self._keeps = False
         self._entrusted = ""
@@ -214,9 +215,7 @@ class ChildKeeper:
             else:
                 for key in self._presence.keys(everyone(watched.role, watched.name)):
                     if life := Address.parse(key):
-                        task = asyncio.ensure_future(self._consider(slot, watched, life))
-                        self._considering[task] = None
-                        task.add_done_callback(self._considering.pop)
+                        self._considering.begin(self._consider(slot, watched, life))
             self._runtime.changed()
 
         if before := self._lives.pop(slot, None):
@@ -316,18 +315,16 @@ class ChildKeeper:
         self._closed = True
         for unwatch in self._lives.values():
             unwatch()
-        for look in list(self._considering):  # those that are done have left it
-            look.cancel()
+        self._considering.cancel()
         self._lives.clear()
         for task in self._returning.values():
             task.cancel()
         if self._keeps:
             return
         await asyncio.gather(*map(self._free_if_bound, self._bonds()))
-        if self._retracting:
-            await asyncio.wait(self._retracting, timeout=FAREWELL)
-            for task in list(self._retracting):  # those that are done have left it
-                task.cancel()
+        if self._retracting.tasks:
+            await asyncio.wait(self._retracting.tasks, timeout=FAREWELL)
+            self._retracting.cancel()
 
     async def _free_if_bound(self, slot: str) -> None:
         with contextlib.suppress(SlotEmpty):  # it was lost meanwhile
@@ -480,9 +477,7 @@ class ChildKeeper:
                 else:
                     return
 
-        task = asyncio.ensure_future(tell())
-        self._retracting[task] = None
-        task.add_done_callback(self._retracting.pop)
+        self._retracting.begin(tell())
 
     # -- keeping ----------------------------------------------------------------------------------
 
@@ -604,9 +599,7 @@ class ChildKeeper:
                 await self.safe_stop(slot, reason, order, budget)
 
         for slot in self._bonds():
-            task = asyncio.ensure_future(stop(slot))
-            self._retracting[task] = None
-            task.add_done_callback(self._retracting.pop)
+            self._retracting.begin(stop(slot))
 
     def leave(self) -> None:
         """Watch nobody any more: another process keeps the children."""

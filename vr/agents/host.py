@@ -15,16 +15,15 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.bundles import KnownBundles
 from robotree.vr.agents.moving import LoadedPage, Moves
-from robotree.vr.agents.place import AgentPlace, Placeable
-from robotree.vr.agents.placing import PlaceFinder
-from robotree.vr.agents.shared import Shared
+from robotree.vr.agents.placing import AgentPlace, Placeable, PlaceFinder
+from robotree.vr.agents.shared import Beside, Shared
 from robotree.vr.agents.taker import say_deleted
 from robotree.vr.agents.ways import host_beside
 from robotree.vr.author.robot import Robot
@@ -94,7 +93,7 @@ from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.orders.ledger import Ledger, OrderMemory
 from robotree.vr.running.heard import speaking
 from robotree.vr.running.process import Process
-from robotree.vr.running.runner import runner_of
+from robotree.vr.running.runner import runner_of, soon
 
 AT_ONCE = 4
 """Sources that are loaded at the same time; one that hangs keeps its place until its time is over."""
@@ -105,9 +104,13 @@ MOST_REMEMBERED = 2000
 _log = logging.getLogger(__name__)
 
 
-def _listen(make: Callable[[], VirtualRobot]) -> tuple[VirtualRobot, list[tuple[Level, str, bool]]]:
+_Heard = list[tuple[Level, str, bool]]
+"""Output of a page, as `RobotRuntime.say` takes it."""
+
+
+def _listen(make: Callable[[], VirtualRobot]) -> tuple[VirtualRobot, _Heard]:
     """Make a robot; return it with the output of its page meanwhile."""
-    heard: list[tuple[Level, str, bool]] = []
+    heard: _Heard = []
 
     def hear(level: Level, text: str, *, piece: bool = False) -> None:
         heard.append((level, text, piece))
@@ -186,7 +189,7 @@ class Host:
         self._ended: list[RobotAgent] = []
         self._remembered: deque[Remembered] = deque(maxlen=MOST_REMEMBERED)
         self._declared: list[Registration] = []
-        self._watchers: dict[asyncio.Task[None], None] = {}
+        self._watchers = Beside()
         self._loop = asyncio.get_running_loop()
         self._loaders = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="loader")
         self._open = False
@@ -202,7 +205,7 @@ class Host:
         """
         self.opens()
         if self.apart is not None:
-            self.apart.courier, self.apart.registrar = self.moves.courier, self._registrar
+            self.apart.courier, self.apart.registrar = self.moves, self._registrar
             self.apart.on_lost = lambda identity: self.moves.keep(
                 say_deleted(self._transport, identity, self.address.key)
             )
@@ -243,19 +246,6 @@ class Host:
             return None
         return max(self.most - len(self.agents.keys() | self._coming), 0)
 
-    def expect_room(self) -> None:
-        """Refuse another robot where there is no room.
-
-        Raises:
-            HostFull: there is none.
-        """
-        if self.has_room() == 0:
-            raise HostFull(host=self.address.name, most=self.most)
-
-    async def move(self, robot: str, host: str) -> Reply:
-        """Have a robot go on in another host; see `Moves.migrate`."""
-        return await self.moves.migrate(robot, host)
-
     def opens(self) -> None:
         """Take robots, though nobody sees this host: it is the inside of a robot apart."""
         self._open = True
@@ -284,8 +274,7 @@ class Host:
         if self.apart is not None:
             await self.apart.close(returns=returns)
         await asyncio.gather(*(agent.close(returns=returns) for agent in agents))
-        for watcher in self._watchers:
-            watcher.cancel()
+        self._watchers.cancel()
         self._loaders.shutdown(wait=False, cancel_futures=True)
         self._process.close()
 
@@ -365,11 +354,10 @@ class Host:
         page = kept.page
         bundle = bundle_of(page)
         make = partial(bundle.create, kept.name, limit=self._limit)
-        loop = asyncio.get_running_loop()
         try:
             clearance = self._admitted_again(bundle, page.service)
             self._expect_apart(clearance, kept.name)
-            robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
+            robot, heard = await self._heard(make)
         except VrError as error:
             _log.error("%s is not back: %s", kept.name, error)
             return None
@@ -379,15 +367,18 @@ class Host:
             self._behaviours.setdefault(page.service, []).append(agent)
         agent.runtime.page = page.origin
         self._pages[kept.name] = self.bundles.keep(bundle)
-        for level, text, piece in heard:
-            agent.runtime.say("", level, text, piece=piece)
-        running = [call.command for call in kept.state.calls.live.values() if call.running]
-        goes_on = f"; {', '.join(running)} goes on" if running else ""
+        _say(agent, heard)
         here, before = self.address.name, self.instead_of
         started = here if self._shared.isolation == "none" else "its process"
         why = f"{here} has taken over from {before}" if before else f"{started} was started again"
-        agent.runtime.log.say("warning", f"it is back after {self._process.gap:.1f} s: {why}{goes_on}")
+        agent.runtime.log.say(
+            "warning", f"it is back after {self._process.gap:.1f} s: {why}{_going_on(kept.state)}"
+        )
         return agent
+
+    async def _heard(self, make: Callable[[], VirtualRobot]) -> tuple[VirtualRobot, _Heard]:
+        """Make a robot in a thread of its own; return it with the output of its page meanwhile."""
+        return await asyncio.get_running_loop().run_in_executor(self._loaders, partial(_listen, make))
 
     def _admitted_again(self, bundle: Bundle, service: str) -> Clearance:
         """Return how a robot that is back runs; a behaviour as its service, which came back before it.
@@ -453,9 +444,7 @@ class Host:
             may, chooses = _reach(bundle, clearance)
             kept = KeptApart(create, bundle.sender, level, ITSELF, chooses, children)
             return LoadedPage(await self._expected_apart(kept, may), clearance, page)
-        make = partial(bundle.create, name, limit=self._limit)
-        loop = asyncio.get_running_loop()
-        robot, _ = await loop.run_in_executor(self._loaders, partial(_listen, make))
+        robot, _ = await self._heard(partial(bundle.create, name, limit=self._limit))
         return LoadedPage(robot, clearance, page)
 
     async def _expected_apart(self, kept: KeptApart, may: Permissions | None) -> RobotApart:
@@ -494,9 +483,7 @@ class Host:
         self._pages[name] = self.bundles.keep(bundle_of(page))
         if self._journal is not None:
             self._journal.looks(agent.address.key, runtime.look)
-        running = [call.command for call in state.calls.live.values() if call.running]
-        goes_on = f"; {', '.join(running)} goes on" if running else ""
-        runtime.log.say("info", f"it has come to {self.address.name}{goes_on}")
+        runtime.log.say("info", f"it has come to {self.address.name}{_going_on(state)}")
         await self._enter(agent)
         return agent
 
@@ -526,7 +513,8 @@ class Host:
             raise HostReserved(host=self.address.name, robot=self._only)
         if name in self._coming or name in self.agents or self._apart(name) is not None:
             raise DuplicateName(role="robot", name=name)
-        self.expect_room()
+        if self.has_room() == 0:
+            raise HostFull(host=self.address.name, most=self.most)
         self._coming.add(name)
 
     def release(self, name: str) -> None:
@@ -570,19 +558,12 @@ class Host:
             BadArgument: a setting cannot have its value, or there is none of this name.
             BundleError: the source cannot be used.
         """
-        check_name(name)
-        if self._only not in ("", name):
-            raise HostReserved(host=self.address.name, robot=self._only)
-        if name in self._coming:
-            raise DuplicateName(role="robot", name=name)
-        self.expect_room()
-        self._coming.add(name)
+        self.reserve(check_name(name))
         try:
             bundle, clearance = self._admitted(bundle, asker)
-            agent = await self._made(bundle, clearance, name, settings, origin=origin)
+            return await self._made(bundle, clearance, name, settings, origin=origin)
         finally:
-            self._coming.discard(name)
-        return agent
+            self.release(name)
 
     async def _made(
         self,
@@ -597,15 +578,13 @@ class Host:
         """Make a robot of a page that was admitted, and what it brings along; `service`: whose behaviour."""
         # before anybody's source is run for nothing
         await expect_free(self._transport, Address("robot", name, ""))
-        loop = asyncio.get_running_loop()
         make = partial(bundle.create, name, settings=settings, limit=self._limit)
-        robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, make))
+        robot, heard = await self._heard(make)
         agent = self._new_agent(robot, clearance)
         if self._journal is not None:
             page = replace(_page(bundle, origin), service=service)
             self._journal.made(agent.address.key, name, page, agent.runtime.look)
-        for level, text, piece in heard:
-            agent.runtime.say("", level, text, piece=piece)
+        _say(agent, heard)
         self._pages[name] = self.bundles.keep(bundle)
         await self._settle(agent)
         agent.runtime.page = origin
@@ -629,15 +608,15 @@ class Host:
         name, wanted = service.robot.name, behaviours_of(service.robot, bundle.path)
         if not (wanted or name in self._behaviours):
             return
-        hashes = {one.name: one.bundle.hash for one in wanted}
         for old in list(self._behaviours.get(name, ())):
-            if self._pages.get(old.robot.name) != hashes.get(old.robot.name):
+            bundle_now = wanted.get(old.robot.name)
+            if bundle_now is None or self._pages.get(old.robot.name) != bundle_now.hash:
                 await self._end_behaviour(name, old)
         here = {old.robot.name for old in self._behaviours.get(name, ())}
         try:
-            for one in wanted:
-                if one.name not in here:
-                    made = await self._made(one.bundle, clearance, one.name, service=name)
+            for behaviour, page in wanted.items():
+                if behaviour not in here:
+                    made = await self._made(page, clearance, behaviour, service=name)
                     self._behaviours.setdefault(name, []).append(made)
                     await self._bind_service(service, made)
         except BaseException:
@@ -731,9 +710,7 @@ class Host:
             raise OnItsWay(robot=name)
         bundle, clearance = self._admitted(bundle, asker)
         self._expect_apart(clearance, name)
-        loop = asyncio.get_running_loop()
-        load = partial(bundle.again, agent.robot, limit=self._limit)
-        robot, heard = await loop.run_in_executor(self._loaders, partial(_listen, load))
+        robot, heard = await self._heard(partial(bundle.again, agent.robot, limit=self._limit))
         key, page = agent.address.key, _page(bundle, origin)
         if self._journal is not None:
             self._journal.offered(key, page)
@@ -742,8 +719,7 @@ class Host:
         agent.runtime.unchecked = clearance.unchecked
         if self._journal is not None:
             self._journal.turned(key, page)
-        for level, text, piece in heard:
-            agent.runtime.say("", level, text, piece=piece)
+        _say(agent, heard)
         await self._bring_behaviours(agent, bundle, clearance)
         if not agent.runtime.look(lambda state: state.calls.running):
             await self._begin(agent)
@@ -772,11 +748,7 @@ class Host:
         lack = lack_for(level)
         if self.apart is None or lack:
             raise NotIsolated(host=self.address.name, level=level, lack=lack and f": {lack}")
-        if self._only not in ("", name):
-            raise HostReserved(host=self.address.name, robot=self._only)
-        if name in self._coming or name in self.apart.robots:
-            raise DuplicateName(role="robot", name=name)
-        self._coming.add(name)
+        self.reserve(name)
         try:
             await expect_free(self._transport, Address("robot", name, ""))
             may, chooses = _reach(bundle, clearance)
@@ -785,7 +757,7 @@ class Host:
             self.bundles.keep(bundle)
             return await self.apart.begin(kept, may, fresh=True)
         finally:
-            self._coming.discard(name)
+            self.release(name)
 
     async def _restore_apart(self, apart: RobotsApart) -> None:
         """Have the robots go on that live in processes of their own; of one that cannot the log says why."""
@@ -837,9 +809,7 @@ class Host:
             agent.on_gone = partial(self._journal.gone, agent.address.key)
         if not self._first.done():
             self._first.set_result(agent)
-        watcher = asyncio.create_task(self._watch(agent), name=f"{agent.robot.name} lives")
-        self._watchers[watcher] = None
-        watcher.add_done_callback(self._watchers.pop)
+        self._watchers.begin(self._watch(agent))
         if not self._open:  # the host has ended meanwhile
             await agent.close()
             raise Unreachable(key=self.address.key)
@@ -855,8 +825,7 @@ class Host:
             else:
                 done(None)
 
-        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
-            self._loop.call_soon_threadsafe(lambda: self.moves.keep(move()))
+        soon(self._loop, lambda: self.moves.keep(move()))
 
     def _locate(self, agent: RobotAgent, slot: str, done: Callable[[str | VrError], None]) -> None:
         """Find the host of a child of a robot. From any thread."""
@@ -865,25 +834,18 @@ class Host:
             try:
                 bond = agent.runtime.bond_in(slot)
                 child = await RobotClient(self._transport, bond.child).describe()
-                done(host_beside(self._transport.presence, bond.child, child.host, self._home_of(agent)))
+                home = agent.runtime.look(lambda state: state.home).removeprefix("host ")
+                done(host_beside(self._transport.presence, bond.child, child.host, home))
             except VrError as error:
                 done(error)
 
-        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
-            self._loop.call_soon_threadsafe(lambda: self.moves.keep(locate()))
-
-    @staticmethod
-    def _home_of(agent: RobotAgent) -> str:
-        return agent.runtime.look(lambda state: state.home).removeprefix("host ")
+        soon(self._loop, lambda: self.moves.keep(locate()))
 
     async def _watch(self, agent: RobotAgent) -> None:
         await agent.closed.wait()
         name = agent.robot.name
         self._remembered.extend(Remembered(name, line) for line in agent.runtime.log.since(0))
-        if self.agents.get(name) is agent:
-            del self.agents[name]
-            self._pages.pop(name, None)
-            self.clearances.pop(name, None)
+        self.forget(agent)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
     async def answer(  # noqa: C901, PLR0911 # one for each request
@@ -1001,6 +963,17 @@ class Host:
         )
 
 
+def _say(agent: RobotAgent, heard: _Heard) -> None:
+    for level, text, piece in heard:
+        agent.runtime.say("", level, text, piece=piece)
+
+
+def _going_on(state: RobotState) -> str:
+    """Say which commands go on, as the end of a sentence."""
+    running = [call.command for call in state.calls.live.values() if call.running]
+    return f"; {', '.join(running)} goes on" if running else ""
+
+
 def _page(bundle: Bundle, origin: str) -> KeptPage:
     files, signed, sender = dict(bundle.files), bundle.signed, bundle.sender
     return KeptPage(bundle.source, bundle.path, bundle.wanted, files, origin, signed, sender)
@@ -1021,30 +994,22 @@ def _reach(bundle: Bundle, clearance: Clearance) -> tuple[Permissions | None, di
     return may, choosing(bundle.source)
 
 
-class Behaviour(NamedTuple):
-    """One behaviour of a service, as it is to be."""
-
-    name: str
-    """Of its robot: `SERVICE-BEHAVIOUR`."""
-    bundle: Bundle
-
-
-def behaviours_of(robot: Robot, path: str) -> list[Behaviour]:
-    """Return the behaviours that a service brings; of another robot, none.
+def behaviours_of(robot: Robot, path: str) -> dict[str, Bundle]:
+    """Return the behaviours that a service brings, by names of their robots, `SERVICE-BEHAVIOUR`.
 
     Args:
-        robot: the service.
+        robot: the service; another robot brings none.
         path: of its page, for messages.
 
     Raises:
         BadName: the two names together are too long.
     """
     if not isinstance(robot, Service):
-        return []
-    return [
-        Behaviour(check_name(f"{robot.name}-{name}"), Bundle(text, f"{path}/{name}.yaml"))
+        return {}
+    return {
+        check_name(f"{robot.name}-{name}"): Bundle(text, f"{path}/{name}.yaml")
         for name, text in robot.behaviours.items()
-    ]
+    }
 
 
 def own_slots(service: RobotAgent, behaviour: RobotAgent) -> list[SlotSpec]:

@@ -28,7 +28,7 @@ from msgspec.structs import replace
 from robotree.files import private_folder
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
-from robotree.vr.agents.place import Placeable
+from robotree.vr.agents.placing import Placeable
 from robotree.vr.agents.run import kept_by, kept_in, place_of
 from robotree.vr.base.address import mark
 from robotree.vr.base.envelope import Received

@@ -17,6 +17,7 @@ import msgspec
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.shared import Beside
 from robotree.vr.agents.unfit import unfit_reasons
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import everyone, parted
@@ -136,18 +137,15 @@ class Moves:
         self._expected: dict[str, Expected] = {}
         """The robots that may come, by transfer."""
         self._one: dict[str, asyncio.Lock] = {}
-        self._begun: dict[asyncio.Task[object], None] = {}
+        self._begun = Beside()
+        self.keep = self._begun.begin
+        """Has something done beside everything else."""
 
     @staticmethod
     def moment(place: str) -> None:
         """Pass a boundary of a move: a test may end the process here."""
 
     # -- leaving ----------------------------------------------------------------------------------
-
-    @property
-    def courier(self) -> HostCourier:
-        """Makes the requests anew by which robots in processes of their own move."""
-        return HostCourier(self, self._transport)
 
     async def migrate(self, robot: str, host: str, asker: Principal = ITSELF) -> Reply:
         """Have a robot go on in another host; returns when it does.
@@ -308,20 +306,34 @@ class Moves:
     def _refusal(self, robot: str, host: str, reason: str) -> CannotMove:
         return CannotMove(robot=robot, host=host, reason=reason)
 
-    def keep(self, work: Coroutine[Any, Any, object]) -> None:
-        """Have something done beside everything else."""
-        task = asyncio.create_task(work)
-        self._begun[task] = None
-        task.add_done_callback(lambda done: self._begun.pop(done, None))
-
-    def gone(self, agent: RobotAgent) -> None:
+    def forget(self, agent: RobotAgent) -> None:
         """Take note that a robot has left."""
         self._host.forget(agent)
 
     def close(self) -> None:
         """Ask for nothing any more: the process ends."""
-        for task in tuple(self._begun):
-            task.cancel()
+        self._begun.cancel()
+
+    # -- robots in processes of their own -----------------------------------------------------------
+
+    def made_anew(
+        self, kept: KeptApart, request: PrepareMove | TakeRobot | AskMove, asker: Principal
+    ) -> PrepareMove | TakeRobot | AskMove:
+        """Say of a robot that leaves its own process what its host knows; see `isolation.apart.Courier`.
+
+        Such a process decides when it leaves, and hands over its state. It does not decide what page it is,
+        who has sent that and how far it is trusted, nor whom it may command.
+        """
+        if isinstance(request, PrepareMove):
+            page = replace(kept.create, settings={}, sender="")
+            if request.page.hash:
+                digest = bundle_of(kept.create).hash
+                page = replace(page, source="", files={}, signed=None, hash=digest)
+            person = self._transport.gate.asker(asker) if asker.person else None
+            return replace(request, page=page, sender=kept.sender, asker=person, children=kept.children)
+        if isinstance(request, TakeRobot):
+            return replace(request, source=self.name, person=asker.person)
+        return request
 
     # -- coming -----------------------------------------------------------------------------------
 
@@ -571,38 +583,6 @@ class Moves:
             await agent.listed()
         except VrError as error:
             _log.error("%s has come and does not go on: %s", agent.robot.name, error)
-
-
-class HostCourier:
-    """Sends robots that live in processes of their own: what is said of them is what their host knows.
-
-    Such a process decides when it leaves, and hands over its state. It does not decide what page it is, who
-    has sent that and how far it is trusted, nor whom it may command.
-    """
-
-    def __init__(self, moves: Moves, transport: Transport) -> None:
-        """Send in the name of the host of `moves`."""
-        self.key, self._name = moves.key, moves.name
-        self._moves, self._transport = moves, transport
-
-    def moment(self, place: str) -> None:
-        """Pass a boundary of a move: a test may end the process here."""
-        self._moves.moment(place)
-
-    def made_anew(
-        self, kept: KeptApart, request: PrepareMove | TakeRobot | AskMove, asker: Principal
-    ) -> PrepareMove | TakeRobot | AskMove:
-        """See `isolation.apart.Courier`."""
-        if isinstance(request, PrepareMove):
-            page = replace(kept.create, settings={}, sender="")
-            if request.page.hash:
-                digest = bundle_of(kept.create).hash
-                page = replace(page, source="", files={}, signed=None, hash=digest)
-            person = self._transport.gate.asker(asker) if asker.person else None
-            return replace(request, page=page, sender=kept.sender, asker=person, children=kept.children)
-        if isinstance(request, TakeRobot):
-            return replace(request, source=self._name, person=asker.person)
-        return request
 
 
 class Departure:
@@ -889,7 +869,7 @@ class Departure:
         if self._far:
             await self._seen_there()
         await self._agent.leave()
-        self._moves.gone(self._agent)
+        self._moves.forget(self._agent)
         self._settle("")
 
     async def _seen_there(self) -> None:

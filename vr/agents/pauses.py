@@ -2,7 +2,7 @@
 
 What is paused, the core knows, and its renewals tell those below; where a command waits, its frame knows
 (`Frame.hold`). A robot without a page has no steps: its present command ends by itself, and its parent does
-not begin the next one.
+not begin the next one. All of this runs on the event loop.
 """
 
 from __future__ import annotations
@@ -18,58 +18,54 @@ from robotree.vr.core.machine import RobotState
 from robotree.vr.running.robot_runtime import RobotRuntime
 
 
-class Pauses:
-    """Pauses one virtual robot and those below it. Lives on the event loop."""
+def pause(runtime: RobotRuntime, asker: Principal) -> Reply:
+    """Have each command wait before its next step.
 
-    def __init__(self, runtime: RobotRuntime, children: ChildKeeper) -> None:
-        """Begin; the robot may be paused from an earlier life."""
-        self._runtime, self._children = runtime, children
+    Raises:
+        LeaseError: its parent commands it.
+    """
+    by = asker.person or asker.user
+    runtime.post(on.PauseAsked(by=by, principal=asker))
+    runtime.log.say("info", f"paused by {by}")
+    now = runtime.process.runner.now()
+    return Done(note=runtime.look(lambda state: _deadline(state, now)))
 
-    def pause(self, asker: Principal) -> Reply:
-        """Have each command wait before its next step.
 
-        Raises:
-            LeaseError: its parent commands it.
-        """
-        by = asker.person or asker.user
-        self._runtime.post(on.PauseAsked(by=by, principal=asker))
-        self._runtime.log.say("info", f"paused by {by}")
-        now = self._runtime.process.runner.now()
-        return Done(note=self._runtime.look(lambda state: _deadline(state, now)))
+async def step(runtime: RobotRuntime, children: ChildKeeper, order: TakeStep, asker: Principal) -> Reply:
+    """Let the step pass that waits for the longest time, of this robot, else of one below it.
 
-    async def step(self, order: TakeStep, asker: Principal) -> Reply:
-        """Let the step pass that waits for the longest time, of this robot, else of one below it.
+    Raises:
+        NothingHeld: nothing waits before a step.
+        NotPaused: the robot is not paused.
+        LeaseError: its parent commands it, and somebody else asks.
+    """
+    name = runtime.name
+    if taken := runtime.let_step(order.epoch, asker):
+        _note(runtime, f"takes {taken}", asker)
+        return Done(note=f"{name} takes {taken}")
+    if taken := await children.step(order.within):
+        return Done(note=taken)
+    command = runtime.look(lambda state: state.calls.command_of(state.calls.running))
+    reason = f"the present step of {command} goes on" if command else "it carries nothing out"
+    raise NothingHeld(robot=name, reason=reason)
 
-        Raises:
-            NothingHeld: nothing waits before a step.
-            NotPaused: the robot is not paused.
-            LeaseError: its parent commands it, and somebody else asks.
-        """
-        name = self._runtime.name
-        if step := self._runtime.let_step(order.epoch, asker):
-            self._note(f"takes {step}", asker)
-            return Done(note=f"{name} takes {step}")
-        if step := await self._children.step(order.within):
-            return Done(note=step)
-        command = self._runtime.look(lambda state: state.calls.command_of(state.calls.running))
-        reason = f"the present step of {command} goes on" if command else "it carries nothing out"
-        raise NothingHeld(robot=name, reason=reason)
 
-    def go_on(self, asker: Principal) -> Reply:
-        """End the pause.
+def go_on(runtime: RobotRuntime, asker: Principal) -> Reply:
+    """End the pause.
 
-        Raises:
-            LeaseError: its parent commands it.
-        """
-        paused = self._runtime.look(lambda state: state.pause.in_force)
-        self._runtime.post(on.ContinueAsked(principal=asker))
-        if paused:
-            self._note("goes on", asker)
-        return Done(note="" if paused else f"{self._runtime.name} was not paused")
+    Raises:
+        LeaseError: its parent commands it.
+    """
+    paused = runtime.look(lambda state: state.pause.in_force)
+    runtime.post(on.ContinueAsked(principal=asker))
+    if paused:
+        _note(runtime, "goes on", asker)
+    return Done(note="" if paused else f"{runtime.name} was not paused")
 
-    def _note(self, order: str, asker: Principal) -> None:
-        by = asker.person or ("its parent" if asker.agent.startswith("robot/") else asker.user)
-        self._runtime.log.say("info", f"{order}, ordered by {by}")
+
+def _note(runtime: RobotRuntime, order: str, asker: Principal) -> None:
+    by = asker.person or ("its parent" if asker.agent.startswith("robot/") else asker.user)
+    runtime.log.say("info", f"{order}, ordered by {by}")
 
 
 def _deadline(state: RobotState, now: float) -> str:

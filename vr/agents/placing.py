@@ -7,26 +7,36 @@ robot is placed by `advise` or `auto`. Lives on the event loop.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import time
 from collections.abc import Callable, Iterable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.place import Placeable, commands_running
+from robotree.vr.agents.unfit import unfit_reasons
 from robotree.vr.agents.ways import Ways
+from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import HostLoad
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.places import Places
-from robotree.vr.base.requests import Reply
 from robotree.vr.base.transport import Transport
+from robotree.vr.core import events as on
+from robotree.vr.core.machine import RobotState
 from robotree.vr.core.placement import (
+    Contact,
     HostSeen,
     PlaceAdvice,
+    PlacedRobot,
     PlaceWatch,
+    Placing,
     seated,
 )
+from robotree.vr.core.traffic import NO_FLOW
+
+if TYPE_CHECKING:
+    from robotree.vr.agents.host import Host
 
 LOOK = 1.0
 """[s] between two looks at the places of robots."""
@@ -36,6 +46,96 @@ METERED = 1.0
 """[s] over which the load of the process is taken, at least."""
 
 _log = logging.getLogger(__name__)
+
+
+class Placeable(Protocol):
+    """A robot whose place is looked after: in the process of its host, or in one of its own."""
+
+    @property
+    def came(self) -> bool:
+        """Whether it has come from another host."""
+        ...
+
+    @property
+    def placed(self) -> PlacedRobot | None:
+        """What matters for its place; None: people alone move it, or it is on its way."""
+        ...
+
+    def show(self, advice: PlaceAdvice, text: str) -> None:
+        """Take what a look at its place has shown, and say it as `text`."""
+        ...
+
+    def begin_move(self, advice: PlaceAdvice) -> None:
+        """Note that it moves now, and why, for itself and for its log."""
+        ...
+
+    def end_move(self, advice: PlaceAdvice, reason: str) -> None:
+        """Note why it has not moved."""
+        ...
+
+
+class AgentPlace:
+    """A robot in this process. Lives on the event loop."""
+
+    def __init__(self, agent: RobotAgent, unix: Callable[[], float]) -> None:
+        """Take the robot, and the clock [s since 1970]."""
+        self._agent, self._unix = agent, unix
+        self._before: Placing | None = None
+
+    @property
+    def came(self) -> bool:
+        """See `Placeable`; so are the others."""
+        return bool(self._agent.runtime.came)
+
+    @property
+    def placed(self) -> PlacedRobot | None:
+        runtime, robot = self._agent.runtime, self._agent.robot
+        if runtime.placement == "manual" or self._agent.gone or runtime.is_on_way:
+            return None
+        assert isinstance(robot, VirtualRobot)  # noqa: S101 # no other one has a placement
+        flows = runtime.traffic.flows(runtime.process.runner.now())
+        family, placing = runtime.look(lambda state: (_family(state), state.placing))
+        partners = [
+            Contact(key, name, calls)
+            for key, name in family.items()
+            if (calls := flows.get(key, NO_FLOW).calls)
+        ]
+        strangers = sum(flow.calls for key, flow in flows.items() if key not in family)
+        return PlacedRobot(
+            name=robot.name,
+            mode=runtime.placement,
+            partners=partners,
+            strangers=strangers,
+            pinned=robot.pinned,
+            unfit="; ".join(unfit_reasons(runtime)),
+            urgent=runtime.look(commands_running) > 0,
+            stay=placing.stay(self._unix()),
+        )
+
+    def show(self, advice: PlaceAdvice, text: str) -> None:
+        runtime, before = self._agent.runtime, self._agent.runtime.advice
+        if runtime.placement == "manual":  # a person has just said so
+            return
+        runtime.advice = text
+        if advice.target and advice.target != runtime.advised and runtime.placement == "advise":
+            runtime.log.say("info", f"it would be better off on {advice.target}: {text}")
+        runtime.advised = advice.target
+        if before != text:
+            runtime.changed()
+
+    def begin_move(self, advice: PlaceAdvice) -> None:
+        runtime = self._agent.runtime
+        self._before = runtime.look(lambda state: state.placing)
+        runtime.log.say("info", f"it moves to {advice.target}: {advice.why}")
+        runtime.post(on.PlacingSet(placing=self._before.moving(advice.why, self._unix())))
+
+    def end_move(self, advice: PlaceAdvice, reason: str) -> None:
+        runtime = self._agent.runtime
+        runtime.advice = f"{advice.why}; but {reason}"
+        runtime.log.say("warning", f"it has not moved: {reason}")
+        if self._before is not None:
+            with contextlib.suppress(VrError):
+                runtime.post(on.PlacingSet(placing=self._before))
 
 
 class LoadMeter:
@@ -60,31 +160,12 @@ class LoadMeter:
         return self._cpu
 
 
-class PlacingHost(Protocol):
-    """A host, as the places of its robots know it."""
-
-    address: Address
-    agents: dict[str, RobotAgent]
-
-    def has_room(self) -> int | None:
-        """How many robots it still takes; None: any number."""
-        ...
-
-    def placeables(self) -> dict[str, Placeable]:
-        """Return its robots, by key, in this process and apart."""
-        ...
-
-    async def move(self, robot: str, host: str) -> Reply:
-        """Have a robot go on in another host; see `Moves.migrate`."""
-        ...
-
-
 class PlaceFinder:
     """See the module."""
 
     def __init__(
         self,
-        host: PlacingHost,
+        host: Host,
         transport: Transport,
         *,
         unix: Callable[[], float],
@@ -198,7 +279,7 @@ class PlaceFinder:
     async def _move(self, key: str, name: str, robot: Placeable, one: PlaceAdvice) -> None:
         try:
             robot.begin_move(one)
-            await self._host.move(name, one.target)
+            await self._host.moves.migrate(name, one.target)
         except VrError as error:
             robot.end_move(one, str(error))
             if (watch := self._watches.get(key)) is not None:
@@ -213,3 +294,15 @@ def _whole_name(places: Places, host: Address) -> str:
 
 def _now() -> float:
     return asyncio.get_running_loop().time()
+
+
+def _family(state: RobotState) -> dict[str, str]:
+    """Return children and parent of a robot: names by key."""
+    lease = state.lease.current
+    parent = {} if lease is None else {lease.parent.key: lease.parent.name}
+    return {bond.child.key: bond.child.name for bond in state.slots.bonds().values()} | parent
+
+
+def commands_running(state: RobotState) -> int:
+    """Return how many commands of a robot run."""
+    return sum(1 for call in state.calls.live.values() if call.running)

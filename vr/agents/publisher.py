@@ -13,8 +13,7 @@ import inspect
 import logging
 import math
 from collections.abc import Mapping
-from contextvars import Context
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import msgspec
@@ -36,6 +35,7 @@ from robotree.vr.core.machine import RobotState
 from robotree.vr.core.traffic import NO_FLOW, Flow
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.running.robot_runtime import RobotRuntime
+from robotree.vr.running.runner import soon
 
 QUICK = 0.1
 """[s] Least time between two looks at the state, and the period while a command runs."""
@@ -132,12 +132,8 @@ class Publisher:
             self._timer.cancel()
 
     def _hurry_soon(self) -> None:
-        """There is something new to show. From any thread.
-
-        Not in the context of the command whose thread says so: no thread of the event loop works for one.
-        """
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(self._hurry, context=Context())
+        """There is something new to show. From any thread."""
+        soon(self._loop, self._hurry)
 
     def _hurry(self) -> None:
         """Publish as soon as the last time is long enough ago."""
@@ -207,10 +203,7 @@ class Publisher:
 
     def _new_line(self) -> None:
         """Have new lines of the log published soon. From any thread."""
-        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody wants to know
-            self._loop.call_soon_threadsafe(
-                self._loop.call_later, PAUSE, self._publish_log, context=Context()
-            )
+        soon(self._loop, partial(self._loop.call_later, PAUSE, self._publish_log))
 
     def _publish_log(self) -> None:
         lines = tuple(self._runtime.log.since(self._line))

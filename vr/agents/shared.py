@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncGenerator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
+from typing import Any
 
 from robotree.vr.base.errors import TransportClosed
 from robotree.vr.base.permissions import Isolation
@@ -54,6 +55,25 @@ class Rounds:
         self._wait(number)
         for action in list(self._parts[number]):
             action()
+
+
+class Beside:
+    """Work that goes on beside everything else, until it ends or is cancelled. Lives on the event loop."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.tasks: dict[asyncio.Future[Any], None] = {}
+
+    def begin(self, work: Coroutine[Any, Any, object]) -> None:
+        """Have something done."""
+        task = asyncio.ensure_future(work)
+        self.tasks[task] = None
+        task.add_done_callback(self.tasks.pop)
+
+    def cancel(self) -> None:
+        """Have nothing of it done any more."""
+        for task in tuple(self.tasks):
+            task.cancel()
 
 
 class Shared:

@@ -56,6 +56,7 @@ from robotree.vr.exchange.authority import expect_right
 from robotree.vr.orders.book import EXPIRED, SAME_CLOCK, by_age
 from robotree.vr.orders.ledger import Ledger, LedgerEntry
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
+from robotree.vr.running.runner import soon
 
 ANSWER_WITHIN = 1.0
 """[s] for a directory to answer a robot."""
@@ -77,6 +78,7 @@ MOVED, TURNED = 0.05, 0.1
 """[m], [rad] by which a robot that is at rest stands elsewhere if somebody has moved it: no controller drifts
 so far, and no odometer errs so much."""
 
+_A = TypeVar("_A")
 _R = TypeVar("_R", bound=Reply)
 _log = logging.getLogger(__name__)
 
@@ -92,12 +94,7 @@ class _Outcome:
         """Nobody looks."""
 
     def settle(self, reply: Returned | Raised) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(self._settle, reply)
-
-    def _settle(self, reply: Returned | Raised) -> None:
-        if not self.reply.done():
-            self.reply.set_result(reply)
+        _hand_over(self._loop, self.reply, reply)
 
     def go_elsewhere(self) -> None:
         """Do nothing: a robot does not move while it carries an order out."""
@@ -183,15 +180,13 @@ class OrderTaker:
             return
         self._moves = True
         if self._identity in self._ledger.rest:
-            with contextlib.suppress(RuntimeError):  # the loop is closed
-                self._loop.call_soon_threadsafe(lambda: self._loop.create_task(self._leave_rest()))
+            soon(self._loop, lambda: self._loop.create_task(self._leave_rest()))
         if call.epoch is not None or call.key in self._ledger.entries:
             return
         now = self._unix()
         if now - self._touched >= TOUCHES:
             self._touched = now
-            with contextlib.suppress(RuntimeError):  # the loop is closed
-                self._loop.call_soon_threadsafe(lambda: self._loop.create_task(self._touch(now)))
+            soon(self._loop, lambda: self._loop.create_task(self._touch(now)))
 
     async def _touch(self, now: float) -> None:
         with contextlib.suppress(DirectoryUnusable):
@@ -404,7 +399,7 @@ class OrderTaker:
             return self._runtime.spec(command)
         except NotDescribed as unknown:
             asked: asyncio.Future[VrError | None] = self._loop.create_future()
-            self._runtime.describe_child(unknown, lambda error: _handed(self._loop, asked, error))
+            self._runtime.describe_child(unknown, partial(_hand_over, self._loop, asked))
             if (error := await asked) is not None:
                 raise error from None
             return self._runtime.spec(command)
@@ -582,17 +577,14 @@ def _ended(order: Order, reply: Returned | Raised, now: float) -> Order:
     return msgspec.structs.replace(order, state=state, at=now, why=str(error), asks="")
 
 
-def _handed(
-    loop: asyncio.AbstractEventLoop, asked: asyncio.Future[VrError | None], error: VrError | None
-) -> None:
+def _hand_over(loop: asyncio.AbstractEventLoop, asked: asyncio.Future[_A], answer: _A) -> None:
     """Hand an answer over to the event loop; from any thread."""
 
     def hand() -> None:
         if not asked.done():
-            asked.set_result(error)
+            asked.set_result(answer)
 
-    with contextlib.suppress(RuntimeError):
-        loop.call_soon_threadsafe(hand)
+    soon(loop, hand)
 
 
 def _elsewhere(rest: dict[str, float], place: dict[str, float]) -> bool:

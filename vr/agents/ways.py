@@ -93,34 +93,25 @@ class Ways:
         return await asyncio.shield(self._asking[key])
 
     async def _asked(self, key: str, ways_to: tuple[str, ...]) -> HostDescribed | None:
-        began, answer = _now(), None
+        began, host = _now(), key.startswith("host/")
+        question = DescribeHost(ways_to=ways_to) if host else ReadLog(after=_BEYOND)
         within = 2 * ANSWER_WITHIN if ways_to else ANSWER_WITHIN
         try:
-            if key.startswith("host/"):
-                answer = await ask(
-                    self._transport,
-                    key,
-                    DescribeHost(ways_to=ways_to),
-                    HostDescribed,
-                    timeout=within,
-                    sender=self._sender,
-                )
-            else:
-                await ask(
-                    self._transport,
-                    key,
-                    ReadLog(after=_BEYOND),
-                    Logged,
-                    timeout=within,
-                    sender=self._sender,
-                )
+            answer: HostDescribed | Logged = await ask(
+                self._transport,
+                key,
+                question,
+                HostDescribed if host else Logged,
+                timeout=within,
+                sender=self._sender,
+            )
         except VrError:  # it has gone, or may not be seen from here: its way is not known
             if not ways_to:
                 self._known.pop(key, None)
             return None
         if not ways_to:
             self._note(key, _now() - began)
-        return answer
+        return answer if isinstance(answer, HostDescribed) else None
 
     def _note(self, key: str, sample: float) -> None:
         if key not in self._known and len(self._known) >= MOST:

@@ -597,7 +597,7 @@ class RobotApart:
             self._transport.ask(self._judge.key, sealed.body, urgent=True, on_reply=lambda _: None)
 
     def show(self, advice: PlaceAdvice, text: str) -> None:
-        """Have it say what a look at its place has shown; see `agents/place.py`, also of the next two."""
+        """Have it say what a look at its place has shown; see `agents/placing.py`, also of the next two."""
         self._send(pipe.Place("show", advice, text))
 
     def begin_move(self, advice: PlaceAdvice) -> None:

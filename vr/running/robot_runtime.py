@@ -199,7 +199,7 @@ class RobotRuntime:
         self.isolated = robot.isolated  # its commands always run on workers of their own
         if isinstance(robot, VirtualRobot):
             self._give_state(robot)
-        self.frames = set[Frame]()  # its code that is at work
+        self.frames: set[Frame] = set()  # its code that is at work
         self.runs: dict[str, Run] = {}  # its calls that have not ended, by key
         self._interrupted = self._interrupted_calls()
         self.describe_child, self.follow_child = describe_child, follow_child

@@ -7,6 +7,7 @@ that takes these things from a `Runner` runs unchanged in both.
 
 from __future__ import annotations
 
+import asyncio
 import ctypes
 import os
 import random
@@ -16,7 +17,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
+from contextvars import Context
 from types import FrameType
 from typing import Protocol
 
@@ -146,6 +148,15 @@ def runner_of(loop: object) -> Runner:
     """Return the runner of an event loop: a loop in virtual time names its own, others live in threads."""
     runner: Runner | None = getattr(loop, "runner", None)
     return Threads() if runner is None else runner
+
+
+def soon(loop: asyncio.AbstractEventLoop, action: Callable[[], object]) -> None:
+    """Have an event loop do something, not in the context of whose thread asks for it. From any thread.
+
+    Nothing happens if the loop is closed: then nobody wants to know.
+    """
+    with suppress(RuntimeError):
+        loop.call_soon_threadsafe(action, context=Context())
 
 
 class SerialWorker:

@@ -231,7 +231,7 @@ def test_it_hands_a_resume_down_to_its_children_and_ends_no_stop_by_itself() -> 
 
 
 HOSTS_ONLY = {
-    *("bundles", "host", "moving", "place", "placing", "run", "shared", "standby", "unfit", "view", "ways"),
+    *("bundles", "host", "moving", "placing", "run", "shared", "standby", "unfit", "view", "ways"),
     *("inside", "zygote"),
 }
 """Modules of `vr/agents` that ask as a host, or ask nobody."""

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from robotree.vr.agents.standby import LOOK, Silence
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from robotree.vr.agents.standby import LOOK, Silence, StandBy
 from robotree.vr.journal.store import Owner
 
 
@@ -43,3 +48,15 @@ def test_what_nobody_watched_is_no_silence() -> None:
 
 def test_where_there_was_never_an_owner_nothing_is_taken() -> None:
     assert watched(Silence(3.0), 0.0, 10.0, None) is None
+
+
+@pytest.mark.parametrize(("host", "least", "most"), [("h1", 3.0, 3.5), ("h2", 0.0, 0.1)])
+async def test_who_stands_by_waits_for_a_host_that_has_ended_and_takes_its_own_log_at_once(
+    realm: Any, host: str, least: float, most: float
+) -> None:
+    """A host that comes back in time finds its robots."""
+    place: Any = SimpleNamespace(look=lambda: Owner(7, host, 0, lives=False), take=lambda *values: values)
+    began = realm.runner.now()
+    taken = await StandBy(realm.network.join("h2"), "h2", place, of="h1", after=3.0).take_over()
+    assert taken == ("h2", 7)
+    assert least <= realm.runner.now() - began <= most
