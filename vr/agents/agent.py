@@ -187,7 +187,9 @@ class RobotAgent:
         self.runtime = self._new_runtime(robot, state or self._new_state(robot, term), obeyed)
         self._hooks = Hooks(robot, self._process.runner, partial(self.runtime.say, ""))
         self._publisher = self._new_publisher(registrar)
-        self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
+        self._children: ChildKeeper | None = None
+        if isinstance(robot, VirtualRobot):
+            self._children = ChildKeeper(self.runtime, transport, term=term)
         self._stops = Stops(self.runtime, self._hooks, self._children)
         self._callers = Callers(self.runtime, transport.presence)
         self._outside = OutsideCalls(
@@ -195,10 +197,6 @@ class RobotAgent:
         )
         self._taker = None if orders is None else self._new_taker(orders)
         self._begin_life()
-
-    def _show_drill(self, words: str) -> None:
-        self._publisher.drill = words
-        self.runtime.changed()
 
     def _new_publisher(self, registrar: Registrar | None) -> Publisher:
         self._streams = Streams(self.robot, self.address, self.transport, self._process.runner)
@@ -232,21 +230,14 @@ class RobotAgent:
         granted = GrantedLease.free(robot.name, term=term, unix=self._unix())
         return _new_state(robot, self.address, self._shared.host, granted)
 
-    def _new_children(self, term: float) -> ChildKeeper:
-        return ChildKeeper(self.runtime, self.transport, term=term)
-
-    def _new_choosing(self) -> Choosing | None:
-        if self._children is None:
-            return None
-        choosing = Choosing(self.runtime, self._children, self.transport, self._shared)
-        self._children.on_room = choosing.wake
-        return choosing
-
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
-        self._choosing = self._new_choosing()
+        self._choosing: Choosing | None = None
+        if self._children is not None:
+            self._choosing = Choosing(self.runtime, self._children, self.transport, self._shared)
+            self._children.on_room = self._choosing.wake
         self._lent_roles = LentRoles(self.runtime, self.transport, self._shared)
-        self._drills = Drills(self.runtime, self.transport.presence, self._show_drill)
+        self._drills = Drills(self.runtime, self.transport.presence)
         self.brings: Callable[[Address], bool] = _nobody
         """Whether a robot is one that this one has brought along."""
         self.before_end: Callable[[], Awaitable[None]] | None = None
@@ -299,12 +290,21 @@ class RobotAgent:
         if not self._restored:
             self.runtime.post(on.Restored())  # a new state has nothing to go on with
         self._publisher.begin()
-        if not self._restored and self._taker is not None:
-            await self._taker.begin()
         if not self._restored:
-            self._lent_roles.begin()
-            if self._choosing is not None:
-                self._choosing.begin()
+            if self._taker is not None:
+                await self._taker.begin()
+            self._look_around()
+
+    def _look_around(self) -> None:
+        """Look from now on who lends it roles, and whom it chooses."""
+        self._lent_roles.begin()
+        if self._choosing is not None:
+            self._choosing.begin()
+
+    async def _look_no_more(self) -> None:
+        await self._lent_roles.close()
+        if self._choosing is not None:
+            await self._choosing.close()
 
     def _take(self, incoming: Incoming) -> None:
         """Take a request; while the robot is on its way, most of them are held. In the thread that reads."""
@@ -365,9 +365,7 @@ class RobotAgent:
             self._children.leave()
         self.runtime.leave()
         await self._withdraw()
-        await self._lent_roles.close()
-        if self._choosing is not None:
-            await self._choosing.close()
+        await self._look_no_more()
         if self._taker is not None:
             await self._taker.close()
         if not self._gone.done():
@@ -456,9 +454,7 @@ class RobotAgent:
         self.runtime.begin_again()
         self._callers.watch_operators(self.runtime.look(lambda state: state.control.agents))
         self._outside.go_on()
-        self._lent_roles.begin()
-        if self._choosing is not None:
-            self._choosing.begin()
+        self._look_around()
 
     async def listed(self) -> None:
         """Wait until the lookup services know what they should, or as many of them as answer."""
@@ -524,9 +520,7 @@ class RobotAgent:
         if self._deleted:
             identity = self.runtime.identity or f"name:{self.robot.name}"
             await say_deleted(self.transport, identity, self.address.key)
-        await self._lent_roles.close()
-        if self._choosing is not None:
-            await self._choosing.close()
+        await self._look_no_more()
         if self._children is not None:
             await self._children.close()
         await self._publisher.listed()
@@ -623,10 +617,7 @@ class RobotAgent:
                 raise ReloadWaits(robot=robot.name, command=command, seconds=within) from None
             notes = await turned
         self._hooks.become(robot)
-        self._lent_roles.begin()
-        if self._choosing is not None:
-            self._choosing.begin()
-            self._choosing.wake()
+        self._look_around()
         self._streams.become(robot)
         self.runtime.page = page
         self.runtime.changed()

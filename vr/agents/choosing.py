@@ -66,7 +66,8 @@ class Choosing:
         """Why a slot is empty, as it was logged."""
 
     def begin(self) -> None:
-        """Fill the slots from now on, if any wants that."""
+        """Fill the slots from now on, if any wants that; look again: it has another page."""
+        self._task.wake()
         if self._runtime.look(_chooses):
             self._task.begin()
 

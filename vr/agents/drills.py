@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from robotree.vr.author.virtual_robot import VirtualRobot
@@ -40,9 +39,9 @@ class Disturbable(Protocol):
 class Drills:
     """The drill of one robot. Lives on the event loop."""
 
-    def __init__(self, runtime: RobotRuntime, presence: Presence, show: Callable[[str], None]) -> None:
-        """Begin without any; `show` takes what the robot suffers, for people, and empty when it is over."""
-        self._runtime, self._presence, self._show = runtime, presence, show
+    def __init__(self, runtime: RobotRuntime, presence: Presence) -> None:
+        """Begin without any."""
+        self._runtime, self._presence = runtime, presence
         self._loop = asyncio.get_running_loop()
         self._undo = list[Undo]()
 
@@ -87,6 +86,10 @@ class Drills:
             reason = "it has no link to a controller; name the robot below it that has one"
         if reason:
             raise NoDrill(robot=robot.name, reason=reason)
+
+    def _show(self, words: str) -> None:
+        self._runtime.drill = words
+        self._runtime.changed()
 
     def _look(self, _key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
         if not there:

@@ -18,6 +18,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -58,7 +59,7 @@ from robotree.vr.network.mesh import TakeFrame
 from robotree.vr.orders.ledger import ORDERS, Ledger
 from robotree.vr.running.heard import listening
 from robotree.vr.running.process import Process
-from robotree.vr.running.runner import runner_of
+from robotree.vr.running.runner import runner_of, soon
 
 BEAT = 0.5
 """[s] between two signs of life."""
@@ -85,12 +86,8 @@ class PipeMesh:
         self._handlers: dict[int, Callable[[str, bytes], None]] = {}
         self._waiting: dict[int, Callable[[list[str]], None]] = {}
         self._numbers = itertools.count(1)
-        self.on_control: Callable[[pipe.Control], None] = lambda _: None
-        self.on_place: Callable[[pipe.Place], None] = lambda _: None
-        self.on_leave: Callable[[bool], None] = lambda _: None
-        self.on_arrive: Callable[[pipe.Parcel], None] = lambda _: None
         self._closed: Future[None] = Future()
-        self._takers: dict[type[pipe.PipeFrame], Callable[[Any], None]] = {
+        self.takers: dict[type[pipe.PipeFrame], Callable[[Any], object]] = {
             pipe.Come: self._come,
             pipe.Replied: self._take_reply,
             pipe.Sampled: self._take_sample,
@@ -98,11 +95,8 @@ class PipeMesh:
             pipe.Silent: self._take_silent,
             pipe.Rules: self._take_rules,
             pipe.Did: self._take_done,
-            pipe.Control: self._control,
-            pipe.Place: lambda frame: self.on_place(frame),  # noqa: PLW0108 # it is set later
-            pipe.Arrive: lambda frame: self.on_arrive(frame.parcel),
-            pipe.Leave: lambda frame: self.on_leave(frame.returns),
         }
+        """What takes each frame, in the thread that reads; of those for the robot it is set by `_live`."""
 
     # -- what LocalTransport uses -----------------------------------------------------------------
 
@@ -180,11 +174,9 @@ class PipeMesh:
         """Take frames until the host has gone; then this process ends, whatever it does."""
         with contextlib.suppress(OSError, msgspec.MsgspecError):
             while (frame := self._pipe.receive()) is not None:
-                self._take(frame)
+                if (take := self.takers.get(type(frame))) is not None:  # else the robot is not up yet
+                    take(frame)
         os._exit(0)
-
-    def _take(self, frame: pipe.ToRobot) -> None:
-        self._takers[type(frame)](frame)
 
     def _take_reply(self, frame: pipe.Replied) -> None:
         on_reply = (
@@ -192,9 +184,6 @@ class PipeMesh:
         )
         if on_reply is not None:
             on_reply(frame.body)
-
-    def _control(self, frame: pipe.Control) -> None:
-        self.on_control(frame)
 
     def _take_sample(self, frame: pipe.Sampled) -> None:
         if (handler := self._handlers.get(frame.number)) is not None:
@@ -306,22 +295,15 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
     leaving: asyncio.Future[bool] = loop.create_future()
 
     def leave(returns: bool) -> None:  # noqa: FBT001 # a flag of the frame
-        loop.call_soon_threadsafe(settle, returns)
-
-    def settle(returns: bool) -> None:  # noqa: FBT001 # as above
         if not leaving.done():
             leaving.set_result(returns)
 
-    mesh.on_leave = leave
+    mesh.takers[pipe.Leave] = lambda frame: soon(loop, partial(leave, frame.returns))
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
         host = _host(mesh, begin, stack)
         parcel: asyncio.Future[pipe.Parcel] = loop.create_future()
-
-        def arrive(came: pipe.Parcel) -> None:
-            loop.call_soon_threadsafe(parcel.set_result, came)
-
-        mesh.on_arrive = arrive
+        mesh.takers[pipe.Arrive] = lambda frame: soon(loop, partial(parcel.set_result, frame.parcel))
         if begin.parcel is not None:
             parcel.set_result(begin.parcel)
         threading.Thread(target=mesh.read, name="reader", daemon=True).start()
@@ -332,14 +314,10 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
             return
         for lack in (*lacks, *filter(None, (begin.note,))):
             agent.runtime.log.say("warning", lack)
-        mesh.on_control = lambda frame: _control(loop, host, way, frame)
+        mesh.takers[pipe.Control] = partial(_control, loop, host, way)
         way.send(pipe.Up(encode(Described(robot=agent.description())), host.page_of(begin.name)))
         place = host.placeables()[agent.address.key]
-
-        def take_place(frame: pipe.Place) -> None:
-            loop.call_soon_threadsafe(_take_place, place, frame)
-
-        mesh.on_place = take_place
+        mesh.takers[pipe.Place] = lambda frame: soon(loop, partial(_take_place, place, frame))
         beats = loop.create_task(_beat(way, host, place))
         gone = loop.create_task(agent.closed.wait())
         both: tuple[asyncio.Future[Any], ...] = (leaving, gone)

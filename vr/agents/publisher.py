@@ -106,8 +106,6 @@ class Publisher:
         self._same: tuple[State, bytes] | None = None
         """The state that was published last, if only a change of the robot can make another one, but for its
         readings."""
-        self.drill = ""
-        """What the robot suffers for a drill, for people; empty: nothing."""
         self._line = 0
         """Number of the line of the log that was published last."""
         runtime.on_news, runtime.log.on_line = self._hurry_soon, self._new_line
@@ -372,7 +370,7 @@ class Publisher:
             "on_way": self._runtime.on_way,
             "advised": self._runtime.advised,
             "in_doubt": self._runtime.in_doubt,
-            "drill": self.drill,
+            "drill": self._runtime.drill,
             **_operators(state.control),
             "asks": next((call.doubt for call in calls.live.values() if call.doubt), ""),
         }

@@ -268,7 +268,7 @@ class HistoryWriter:
         """Write one batch."""
         queue, offset = self._queue, clock_shift(self._now, self._unix)
         items = [queue[number] for number in range(min(BATCH, len(queue)))]
-        events = [event for item in items for event in self._events(item, offset)]
+        events = [event for item in items if (event := self._event(item, offset)) is not None]
         missed = self._missed
         if missed:
             number = "1 event is" if missed == 1 else f"{missed} events are"
@@ -288,8 +288,8 @@ class HistoryWriter:
     def _catch_up(self, file: HistoryFile) -> None:
         """Write what stands in the journal and is not in the file: the process was killed in between."""
         again, self._again = self._again, []
-        events = [event for item, offset in again for event in self._events(item, offset)]
-        new = [event for event in events if event.key and not file.has(event.kind, event.key)]
+        events = [self._event(item, offset) for item, offset in again]
+        new = [event for event in events if event and event.key and not file.has(event.kind, event.key)]
         for begin in range(0, len(new), BATCH):
             file.append(new[begin : begin + BATCH])
 
@@ -299,14 +299,9 @@ class HistoryWriter:
 
     # -- what is kept of an event -----------------------------------------------------------------
 
-    def _events(self, item: _Item, offset: float) -> list[HistoryEvent]:
+    def _event(self, item: _Item, offset: float) -> HistoryEvent | None:  # noqa: PLR0911 # one for each class
         robot, now, happened, epoch = item
-        made = self._made(robot, now + offset, happened, offset, epoch)
-        return [] if made is None else [made]
-
-    def _made(  # noqa: PLR0911 # one for each class
-        self, robot: str, unix: float, happened: object, offset: float, epoch: int
-    ) -> HistoryEvent | None:
+        unix = now + offset
         match happened:
             case on.Invoke():
                 return self._accepted(robot, unix, happened)

@@ -238,15 +238,6 @@ class Frame:
 
     # -- while its robot is about to leave ---------------------------------------------------------
 
-    @property
-    def waits_above(self) -> bool:
-        """Whether it waits for another frame on its worker."""
-        return self.above is not None
-
-    def rouse(self) -> None:
-        """Have its thread look around. From any thread."""
-        self.worker.waiter.wake()
-
     def stand(self) -> None:
         """Wait while the robot is about to leave.
 

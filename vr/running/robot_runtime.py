@@ -156,6 +156,8 @@ class RobotRuntime:
     """What the latest look at its place has shown, as a sentence; empty: nobody has looked."""
     advised: str = ""
     """Name of the host where it would be better off, by that look; empty: nowhere."""
+    drill: str = ""
+    """What it suffers for a drill, for people; empty: nothing."""
     _at_work = ("", 0)
     """The call that runs and how many wait, as it was last published."""
 
@@ -351,12 +353,12 @@ class RobotRuntime:
             self.ice.closed = closed
             self.process.still += 1
         for frame in tuple(self.frames):
-            frame.rouse()
+            frame.wake()
 
     @property
     def is_still(self) -> bool:
         """Whether all its code stands."""
-        return all(frame.parked or frame.waits_above for frame in tuple(self.frames))
+        return all(frame.parked or frame.above is not None for frame in tuple(self.frames))
 
     def close(self) -> bool:
         """Take nothing more; returns whether all code stands, else nothing has changed."""
@@ -383,7 +385,7 @@ class RobotRuntime:
                 _log.warning("%s: %s", self.name, error)
         ice.melt(moved=False)
         for frame in tuple(self.frames):
-            frame.rouse()
+            frame.wake()
         self._reminder = math.inf
         self.pass_time()
 
@@ -401,7 +403,7 @@ class RobotRuntime:
             for listener in run.listeners:
                 listener.go_elsewhere()
         for frame in tuple(self.frames):
-            frame.rouse()
+            frame.wake()
         with self._lock:
             self._release_still()
 
@@ -776,22 +778,19 @@ class RobotRuntime:
             asking = self._run_of(effect.key)
             asking.answer = effect.answer
             asking.wake()
-            return
-        if isinstance(effect, Interrupt):
+        elif isinstance(effect, Interrupt):
             with self._lock:  # it may have ended since the effect was decided
                 live = effect.key in self.core.state.calls.live
                 run = self._run_of(effect.key) if live else None
             if run is not None:
                 run.end(effect.cause.revive(), final=effect.final)
+        elif isinstance(effect, on.PauseChanged):
+            self._look_at_pause()
+        elif isinstance(effect, on.AttentionPassed):
+            run = self.runs.get(effect.key)
+            for pass_on in () if run is None else run.passes_on:
+                pass_on(effect.at)
         else:
-            if isinstance(effect, on.PauseChanged):
-                self._look_at_pause()
-                return
-            if isinstance(effect, on.AttentionPassed):
-                run = self.runs.get(effect.key)
-                for pass_on in () if run is None else run.passes_on:
-                    pass_on(effect.at)
-                return
             if isinstance(effect, on.ChildGone):
                 self._tell_gone(effect.slot)
             self._on_effect(effect)
