@@ -178,7 +178,6 @@ class RobotAgent:
         self.open = False
         """Whether it takes anything new."""
         self._loop = asyncio.get_running_loop()
-        self._on_loop = partial(soon, self._loop)
         self._process = Process(runner_of(self._loop)) if process is None else process
         self._owns_process = process is None
         self._shared = Shared() if shared is None else shared
@@ -187,9 +186,7 @@ class RobotAgent:
         self.runtime = self._new_runtime(robot, state or self._new_state(robot, term), obeyed)
         self._hooks = Hooks(robot, self._process.runner, partial(self.runtime.say, ""))
         self._publisher = self._new_publisher(registrar)
-        self._children: ChildKeeper | None = None
-        if isinstance(robot, VirtualRobot):
-            self._children = ChildKeeper(self.runtime, transport, term=term)
+        self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
         self._stops = Stops(self.runtime, self._hooks, self._children)
         self._callers = Callers(self.runtime, transport.presence)
         self._outside = OutsideCalls(
@@ -229,6 +226,9 @@ class RobotAgent:
     def _new_state(self, robot: Robot, term: float) -> RobotState:
         granted = GrantedLease.free(robot.name, term=term, unix=self._unix())
         return _new_state(robot, self.address, self._shared.host, granted)
+
+    def _new_children(self, term: float) -> ChildKeeper:
+        return ChildKeeper(self.runtime, self.transport, term=term)
 
     def _begin_life(self) -> None:
         """Nothing is declared and nothing watched yet."""
@@ -633,6 +633,9 @@ class RobotAgent:
     def description(self) -> RobotDescription:
         """Describe the robot as it is now."""
         return self._publisher.description()
+
+    def _on_loop(self, action: Callable[[], None]) -> None:
+        soon(self._loop, action)
 
     def _take_effect(self, effect: CoreEffect) -> None:
         if isinstance(effect, LeaseEnded):

@@ -246,6 +246,10 @@ class Host:
             return None
         return max(self.most - len(self.agents.keys() | self._coming), 0)
 
+    async def move(self, robot: str, host: str) -> Reply:
+        """Have a robot go on in another host; see `Moves.migrate`."""
+        return await self.moves.migrate(robot, host)
+
     def opens(self) -> None:
         """Take robots, though nobody sees this host: it is the inside of a robot apart."""
         self._open = True

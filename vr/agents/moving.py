@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Coroutine
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 from msgspec.structs import replace
@@ -20,7 +20,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.shared import Beside
 from robotree.vr.agents.unfit import unfit_reasons
 from robotree.vr.author.virtual_robot import VirtualRobot
-from robotree.vr.base.address import everyone, parted
+from robotree.vr.base.address import Address, everyone, parted
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import same_clock, this_clock
 from robotree.vr.base.errors import (
@@ -67,9 +67,6 @@ from robotree.vr.journal.records import KeptPage, MovedOut
 from robotree.vr.journal.recovery import see_from, welcome
 from robotree.vr.running.process import Process
 
-if TYPE_CHECKING:
-    from robotree.vr.agents.host import Host
-
 STAND_WITHIN = 1.0
 """[s] for the code of a robot to come to a wait; a page that computes for longer does not move now."""
 LOOK = 0.0005
@@ -115,11 +112,64 @@ class Expected(NamedTuple):
     loaded: LoadedPage
 
 
+class MovingHost(Protocol):
+    """A host, as its moves know it."""
+
+    address: Address
+    agents: dict[str, RobotAgent]
+
+    async def load(
+        self, sent: Create, name: str, asker: Principal, *, sender: str = "", children: tuple[str, ...] = ()
+    ) -> LoadedPage:
+        """Load the page of a robot that another host is about to send, where it is to run."""
+        ...
+
+    async def settle_in(
+        self, robot: VirtualRobot, clearance: Clearance, state: RobotState, page: KeptPage
+    ) -> RobotAgent:
+        """Have a robot that has come serve and be present; its commands do not go on yet."""
+        ...
+
+    async def migrate_apart(self, robot: str, host: str, asker: Principal = ITSELF) -> Reply | None:
+        """Have a robot in a process of its own move; None: there is none of that name."""
+        ...
+
+    async def stop_apart(self, robot: Address, reason: str, order: str) -> None:
+        """Have such a robot obey a stop that came while it was on its way."""
+        ...
+
+    def note_move(self, agent: RobotAgent, text: str, person: str) -> None:
+        """Keep that a robot has moved, or not; `person`: who wanted it."""
+        ...
+
+    def reserve(self, name: str) -> None:
+        """Give a name to nobody else.
+
+        Raises:
+            DuplicateName: somebody has it.
+            HostReserved: the host runs another robot alone.
+            HostFull: it has no room.
+        """
+        ...
+
+    def release(self, name: str) -> None:
+        """Give it again."""
+        ...
+
+    def forget(self, agent: RobotAgent) -> None:
+        """Have a robot no longer that has left."""
+        ...
+
+    def description(self) -> HostDescribed:
+        """Say which robots live here."""
+        ...
+
+
 class Moves:
     """All moves of one host. Lives on the event loop."""
 
     def __init__(
-        self, host: Host, transport: Transport, process: Process, journal: HostJournal | None
+        self, host: MovingHost, transport: Transport, process: Process, journal: HostJournal | None
     ) -> None:
         """Begin without any.
 

@@ -11,7 +11,7 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.unfit import unfit_reasons
@@ -21,6 +21,7 @@ from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import HostLoad
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.places import Places
+from robotree.vr.base.requests import Reply
 from robotree.vr.base.transport import Transport
 from robotree.vr.core import events as on
 from robotree.vr.core.machine import RobotState
@@ -34,9 +35,6 @@ from robotree.vr.core.placement import (
     seated,
 )
 from robotree.vr.core.traffic import NO_FLOW
-
-if TYPE_CHECKING:
-    from robotree.vr.agents.host import Host
 
 LOOK = 1.0
 """[s] between two looks at the places of robots."""
@@ -160,12 +158,31 @@ class LoadMeter:
         return self._cpu
 
 
+class PlacingHost(Protocol):
+    """A host, as the places of its robots know it."""
+
+    address: Address
+    agents: dict[str, RobotAgent]
+
+    def has_room(self) -> int | None:
+        """How many robots it still takes; None: any number."""
+        ...
+
+    def placeables(self) -> dict[str, Placeable]:
+        """Return its robots, by key, in this process and apart."""
+        ...
+
+    async def move(self, robot: str, host: str) -> Reply:
+        """Have a robot go on in another host; see `Moves.migrate`."""
+        ...
+
+
 class PlaceFinder:
     """See the module."""
 
     def __init__(
         self,
-        host: Host,
+        host: PlacingHost,
         transport: Transport,
         *,
         unix: Callable[[], float],
@@ -279,7 +296,7 @@ class PlaceFinder:
     async def _move(self, key: str, name: str, robot: Placeable, one: PlaceAdvice) -> None:
         try:
             robot.begin_move(one)
-            await self._host.moves.migrate(name, one.target)
+            await self._host.move(name, one.target)
         except VrError as error:
             robot.end_move(one, str(error))
             if (watch := self._watches.get(key)) is not None:

@@ -94,6 +94,8 @@ def _of_calls(state: RobotState) -> list[str]:
 
 def _of_frames(runtime: RobotRuntime, *, standing: bool) -> Iterator[str]:
     for frame in tuple(runtime.frames):
+        if not isinstance(frame, Frame):
+            continue
         command = frame.context.command
         if frame.guests or frame.guest:
             yield f"{command} uses a thread of its page's own"

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 from msgspec import to_builtins
 from msgspec.structs import replace
@@ -56,9 +56,6 @@ from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
 from robotree.vr.running.replay import Intent
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
-
-if TYPE_CHECKING:
-    from robotree.vr.running.activity import CommandActivity
 
 ABSENCE = 0.02
 """[s] after which a caller looks again whether a child is back whose process has ended."""
@@ -553,7 +550,7 @@ class ChildCall(Started):
 
     # -- while nobody knows whether it was carried out ---------------------------------------------
 
-    def asking_part(self, worker: Worker) -> CommandActivity:
+    def asking_part(self, worker: Worker) -> doubt.Asker:
         """Return the part of the command that finds out; it ends when nobody waits for the call any more."""
         frame = self.frame
         number = f"{self.key[len(frame.context.key) + 1 :]}?{worker.process.life}"
@@ -561,7 +558,7 @@ class ChildCall(Started):
         part.replay, self._asking = None, part
         if self._dropped or self.called_off:
             part.dropped = self._needless("nobody waits for it any more")
-        return cast("CommandActivity", part)
+        return cast("doubt.Asker", part)
 
     def ask_elsewhere(self) -> None:
         """Ask another process of the child whether it was carried out: something remembers that for both."""

@@ -12,24 +12,24 @@ happens on a worker of its own, while the command waits for the step.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any, Protocol, TypeVar
 
-from robotree.vr.author.context import StepInDoubt
+from robotree.vr.author.context import CommandContext, StepInDoubt
 from robotree.vr.author.robot import Robot
+from robotree.vr.base.address import Address
 from robotree.vr.base.errors import CommandInDoubt, EndedInDoubt, VrError
 from robotree.vr.base.readable import quantity
 from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core.bonds import RETURN
 from robotree.vr.running.catching import catches
+from robotree.vr.running.feed import Feeds
+from robotree.vr.running.frame import Frame
 from robotree.vr.running.ice import GoneOn
 from robotree.vr.running.process import Worker
-from robotree.vr.running.replay import words_of_step
-
-if TYPE_CHECKING:
-    from robotree.vr.running.activity import CommandActivity
-    from robotree.vr.running.child_call import ChildCall
+from robotree.vr.running.replay import Intent, words_of_step
+from robotree.vr.running.robot_runtime import RobotRuntime
 
 LOOKS = 0.05
 """[s] between two looks whether another process of the child is there."""
@@ -40,10 +40,80 @@ MOST_READINGS = 8
 ANSWERS = "Was it done? done: go on after it, without doing it; again: do it now; abort: end the command here"
 """What a person is asked at the end of a question."""
 
+T = TypeVar("T")
 _log = logging.getLogger(__name__)
 
 
-def is_settled_here(call: ChildCall, raised: Raised) -> bool:
+class Asker(Protocol):
+    """The part of a command that finds out: an `activity.CommandActivity`."""
+
+    runtime: RobotRuntime
+    context: CommandContext
+    keeps: bool
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether it has been asked to end."""
+        ...
+
+    @property
+    def feeds(self) -> Feeds:
+        """The readings of children that it follows."""
+        ...
+
+    def now(self) -> float:
+        """Return the time [s] on a monotonic clock."""
+        ...
+
+    def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Wait until something is so, or for `timeout` [s]; returns whether it is."""
+        ...
+
+    def carry_out(self, work: Callable[[], T]) -> tuple[T | None, BaseException | None]:
+        """Carry the page's code out; returns its value or its error."""
+        ...
+
+    def ask_person(self, question: str) -> str:
+        """Ask a person, and wait for the answer: `done`, `again` or `abort`."""
+        ...
+
+    def end(self) -> None:
+        """End what it has opened."""
+        ...
+
+
+class DoubtfulCall(Protocol):
+    """The call of a child whose result is lost: a `child_call.ChildCall`."""
+
+    frame: Frame
+    slot: str
+    key: str
+    child: Address
+    command: str
+    arguments: Mapping[str, Any]
+    intent: Intent | None
+    """To whom it was given, if that is kept."""
+    asked_at: str
+    """Key of the child that was asked last."""
+
+    def asking_part(self, worker: Worker) -> Asker:
+        """Return the part of its command that finds out."""
+        ...
+
+    def conclude(self, reply: Returned | Raised) -> None:
+        """Take how it ended, for good."""
+        ...
+
+    def repeat(self) -> None:
+        """Call the child again, under another key: it was not carried out."""
+        ...
+
+    def ask_elsewhere(self) -> None:
+        """Ask another process of the child whether it was carried out."""
+        ...
+
+
+def is_settled_here(call: DoubtfulCall, raised: Raised) -> bool:
     """Whether an error leaves a step of a page in doubt, and somebody can be asked here."""
     if raised.error != CommandInDoubt.__name__ or raised.data.get("robot") != call.child.name:
         return False  # of a robot further down: it was asked about there
@@ -52,7 +122,7 @@ def is_settled_here(call: ChildCall, raised: Raised) -> bool:
     return (frame.keeps or verifies) and frame.runtime.witness_of(call.slot, call.command) is not None
 
 
-def settle(call: ChildCall, doubt: Raised, worker: Worker) -> None:
+def settle(call: DoubtfulCall, doubt: Raised, worker: Worker) -> None:
     """Find out whether a step was carried out, and end its call or make it again."""
     part = call.asking_part(worker)
     outcome: Returned | Raised | Callable[[], None] = doubt
@@ -72,7 +142,7 @@ def settle(call: ChildCall, doubt: Raised, worker: Worker) -> None:
         call.conclude(outcome)
 
 
-def _outcome(call: ChildCall, doubt: Raised, part: CommandActivity) -> Returned | Raised | Callable[[], None]:
+def _outcome(call: DoubtfulCall, doubt: Raised, part: Asker) -> Returned | Raised | Callable[[], None]:
     """Return how a step has ended, or what is to be done about it."""
     if _is_remembered(call, part):
         return call.ask_elsewhere
@@ -91,7 +161,7 @@ def _outcome(call: ChildCall, doubt: Raised, part: CommandActivity) -> Returned 
     return _asked(call, part, detail)
 
 
-def _is_remembered(call: ChildCall, part: CommandActivity) -> bool:
+def _is_remembered(call: DoubtfulCall, part: Asker) -> bool:
     """Wait for another process of the child; whether it can know what an earlier one has begun."""
     intent, runtime = call.intent, part.runtime
     if intent is None or not intent.witness:
@@ -110,7 +180,7 @@ def _is_remembered(call: ChildCall, part: CommandActivity) -> bool:
     return bool(found)
 
 
-def _asked(call: ChildCall, part: CommandActivity, detail: str) -> Returned | Raised | Callable[[], None]:
+def _asked(call: DoubtfulCall, part: Asker, detail: str) -> Returned | Raised | Callable[[], None]:
     """Have a person answer; "again" without a child in the slot is asked about anew."""
     label, refused = f"{call.child.name}.{call.command}", ""
     fields = part.runtime.child_parameters(call.slot, call.command)
@@ -135,7 +205,7 @@ def _asked(call: ChildCall, part: CommandActivity, detail: str) -> Returned | Ra
     return Raised.of(EndedInDoubt(robot=call.child.name, command=call.command, detail=reason))
 
 
-def _look(call: ChildCall, part: CommandActivity) -> str:
+def _look(call: DoubtfulCall, part: Asker) -> str:
     """Return what the child reads, how old that is, and which views show it, in words."""
     name, runtime = call.child.name, part.runtime
     try:

@@ -8,6 +8,7 @@ end the robot goes on here, or it has left: then its threads end, and no code of
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.running.runner import Runner
@@ -27,6 +28,21 @@ class Frozen(Exception):
         """Name what to wait for."""
         super().__init__("it is on its way")
         self.ice = ice
+
+
+class AtWork(Protocol):
+    """Code at work on a worker, as the ice knows it: a `Frame`."""
+
+    parked: bool
+
+    @property
+    def above(self) -> object:
+        """The code on the same worker for which it waits; None: for none."""
+        ...
+
+    def wake(self) -> None:
+        """Have its thread look around. From any thread."""
+        ...
 
 
 class Ice:

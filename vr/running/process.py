@@ -34,12 +34,18 @@ IDLE = 2.0
 if TYPE_CHECKING:
     import typing_extensions
 
-    from robotree.vr.running.frame import Frame
-
     R = typing_extensions.TypeVar("R", default=Any)
     """The robots of a process, as their runtimes know each other."""
 else:
     R = TypeVar("R")
+
+
+class StandingFrame(Protocol):
+    """A frame."""
+
+    def stand(self) -> None:
+        """Wait while its robot is about to leave; see `ice.py`."""
+        ...
 
 
 class Worker:
@@ -80,7 +86,7 @@ class Worker:
 
     # -- interruptions ----------------------------------------------------------------------------
 
-    def arm(self, frame: Frame) -> None:
+    def arm(self, frame: StandingFrame) -> None:
         """The author's code of a frame is at work from now on."""
         if self.process.still:
             frame.stand()

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from functools import partial
 from types import FrameType
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import msgspec
 
@@ -59,15 +59,12 @@ from robotree.vr.core.machine import AcceptedCall, Lap, RobotCore, RobotState
 from robotree.vr.core.traffic import BondTraffic
 from robotree.vr.exchange.asking import TakeReply, send_request
 from robotree.vr.exchange.authority import OF_LEASES, Here, authorise, expect_still
-from robotree.vr.running.ice import Frozen, Ice
+from robotree.vr.running.ice import AtWork, Frozen, Ice
 from robotree.vr.running.log import Log, waits
 from robotree.vr.running.own_errors import as_itself
 from robotree.vr.running.page_trace import line_at_work
 from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.run import NO_PROGRESS, HeldStep, Listener, OfferedTurn, Run
-
-if TYPE_CHECKING:
-    from robotree.vr.running.frame import Frame
 
 LONGEST_NOTE = 80
 """Characters of a command's progress text that the state of its robot contains."""
@@ -201,7 +198,7 @@ class RobotRuntime:
         self.isolated = robot.isolated  # its commands always run on workers of their own
         if isinstance(robot, VirtualRobot):
             self._give_state(robot)
-        self.frames: set[Frame] = set()  # its code that is at work
+        self.frames = set[AtWork]()  # its code that is at work
         self.runs: dict[str, Run] = {}  # its calls that have not ended, by key
         self._interrupted = self._interrupted_calls()
         self.describe_child, self.follow_child = describe_child, follow_child
@@ -423,7 +420,7 @@ class RobotRuntime:
             urgent=True,
         )
 
-    def frame_ended(self, frame: Frame) -> None:
+    def frame_ended(self, frame: AtWork) -> None:
         """Take note that code of it has ended. From any thread."""
         self.frames.discard(frame)
         if self.ice is not None:
