@@ -5,9 +5,6 @@
 `$KILL` is `PLACE NUMBER`: the how manieth moment of that kind is its last one; empty: it lives on. Moments
 count from the first command that is called by a person, or from the start if there is one already. SIGTERM
 ends it in order. It says `ready` when its robots are back.
-
-`$WITHOUT` takes a safeguard away: `commit`: nothing waits until its events are written; `keys`: a step has
-another key in each life.
 """
 
 from __future__ import annotations
@@ -41,9 +38,6 @@ WORD = os.environ.get("WORD", "act").encode()
 """Of the calls around which the moments of the transport are."""
 HANGS = "HANGS" in os.environ
 """Whether it is stopped at that place, and not killed."""
-WITHOUT = os.environ.get("WITHOUT", "")
-FIRST = not FOLDER.exists()
-"""Whether this is the first life of the host."""
 
 
 class Countdown:
@@ -93,14 +87,6 @@ class Journal(HostJournal):
             countdown.here("after step")
         if isinstance(event, on.Finish):
             countdown.here("after end")
-
-    def barrier(self) -> None:
-        if WITHOUT != "commit" or not countdown.armed:
-            super().barrier()
-
-    def sync(self) -> None:
-        if WITHOUT != "commit" or not countdown.armed:
-            super().sync()
 
     def begin(self) -> None:
         countdown.here("before segment")
@@ -154,8 +140,6 @@ def prepare() -> None:
         return step
 
     Frame.recalled = look  # type: ignore[method-assign]
-    if WITHOUT == "keys" and not FIRST:
-        forget_keys()
     join = run.join
 
     async def enter(realm: str | None) -> Any:
@@ -164,17 +148,6 @@ def prepare() -> None:
     Moves.moment = staticmethod(lambda place: countdown.here(f"move {place}"))
     run.join = enter  # type: ignore[assignment]
     run.HostJournal = Journal  # type: ignore[misc]
-
-
-def forget_keys() -> None:
-    """Count the steps of a command from another number than the life before."""
-    step = Frame.step
-
-    def other(frame: Frame) -> str:
-        frame.steps += 1000 if frame.steps < 1000 else 0
-        return step(frame)
-
-    Frame.step = other  # type: ignore[method-assign]
 
 
 @contextlib.asynccontextmanager

@@ -10,21 +10,13 @@ from tests.durability.stage import Stage
 pytestmark = pytest.mark.e2e
 
 
-async def test_a_tour_goes_on_after_a_kill_at_its_end(stage: Stage) -> None:
+async def test_further_kills_while_it_comes_back_and_at_its_end_change_nothing(stage: Stage) -> None:
     """At each boundary before it is killed in test_campaign.py."""
     host = stage.host()
-    await stage.furnish(host, "after end 2")
-    assert await stage.play(host, "tour", [], steps=8) == [8.0, 8.0]
-    assert host.lives == 2
-    stage.expect_once(*range(8))
-
-
-@pytest.mark.parametrize("second", ["before segment 1", "replay 4"])
-async def test_a_second_kill_while_it_comes_back_changes_nothing(stage: Stage, second: str) -> None:
-    host = stage.host()
     await stage.furnish(host, "after send 4")
-    assert await stage.play(host, "tour", [second, second], steps=8) == [8.0, 8.0]
-    assert host.lives == 4
+    kills = ["before segment 1", "replay 4", "after end 1"]
+    assert await stage.play(host, "tour", kills, steps=8) == [8.0, 8.0]
+    assert host.lives == 5
     stage.expect_once(*range(8))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from typing import Any
 
 import pytest
@@ -16,12 +15,8 @@ def put_back(team: Team, folder: Any) -> None:
     """Kill the page, and start it again with an older state of its disk."""
     team.crash(after=0.0, away=1.0)
     team.wait(0.5)
-    team._homes[""]._medium.folders = folder
+    team._homes[""]._medium.put_back(folder)
     team.wait_until(lambda: "" in team._agents, within=60.0)
-
-
-def copied(team: Team) -> Any:
-    return deepcopy(team._homes[""]._medium.folders)
 
 
 def test_a_command_whose_old_folder_was_put_back_ends_and_nothing_is_done_twice(
@@ -30,7 +25,7 @@ def test_a_command_whose_old_folder_was_put_back_ends_and_nothing_is_done_twice(
     team = tourist()
     call = team.start("tour", steps=400, pause=0.01, within=60.0)
     team.wait_until(lambda: len(acts(team)) > 5)
-    old = copied(team)
+    old = team._homes[""]._medium.copy()
     for lives in (1, 2):
         team.crash()
         team.wait_until(lambda lives=lives: len(acts(team)) > 5 + 5 * lives)
@@ -45,7 +40,7 @@ def test_a_command_whose_old_folder_was_put_back_ends_and_nothing_is_done_twice(
 def test_a_person_binds_the_children_of_an_old_folder_again_and_all_goes_on() -> None:
     team = tourist()
     assert team.call("tour", steps=4) == [4.0, 4.0]
-    old = copied(team)
+    old = team._homes[""]._medium.copy()
     team.crash()
     assert team.call("tour", steps=4) == [8.0, 8.0]
     put_back(team, old)

@@ -122,15 +122,6 @@ class Driver(VirtualRobot):
         return ""
 
     @command
-    def half(self) -> None:
-        self.left.move.start(x=5)
-        self.right.fall()
-
-    @command
-    def forgetful(self) -> None:
-        self.left.move.start(x=5)
-
-    @command
     def persistent(self) -> str:
         try:
             self.left.move(x=5)

@@ -48,21 +48,6 @@ async def test_a_future_can_be_asked_later_or_cancelled(realm: Any) -> None:
     assert rover.robot.x < 1
 
 
-async def test_one_way_goes_on_after_its_caller_has_ended(realm: Any) -> None:
-    driver, rover = await crew(realm)
-    await realm.client(driver).call("fire_and_forget", {})
-    assert rover.robot.x < 4
-    await realm.until(lambda: rover.robot.x == pytest.approx(4))
-
-
-async def test_what_a_failed_command_has_started_does_not_go_on_alone(realm: Any) -> None:
-    driver, left, _ = await crew(realm, "left", "right")
-    with pytest.raises(CommandFailed):
-        await realm.client(driver).call("half", {})
-    await realm.until(lambda: left.description().busy == "", within=1.0)
-    assert left.robot.x < 1
-
-
 @pytest.mark.parametrize(
     ("how", "error", "sentence"),
     [
@@ -135,14 +120,6 @@ async def test_code_that_swallows_its_cancel_cannot_command_any_more(realm: Any)
     assert moves == 3
     await realm.client(driver).call("fire_and_forget", {})
     await realm.until(lambda: len(rover.robot.keys) == moves + 1)
-
-
-async def test_what_a_command_has_started_ends_with_it(realm: Any) -> None:
-    driver, rover = await crew(realm)
-    await realm.client(driver).call("forgetful", {})
-    await realm.until(lambda: rover.description().busy == "", within=1.0)
-    assert rover.robot.x < 5, "it has not gone its way"
-    await realm.client(driver).call("square", {"length": 1})
 
 
 async def test_a_child_that_is_cancelled_alone_is_an_error_of_its_caller_that_goes_on(realm: Any) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import shutil
 import threading
 import time
@@ -347,25 +346,6 @@ def test_a_second_end_within_the_first_write_of_the_next_life_loses_nothing() ->
             life(1).begin()
     medium.locks.clear()
     assert [encode_state(kept.state) for kept in life(9).found.robots] == [waited]
-
-
-@pytest.mark.parametrize("seed", range(30))
-def test_the_power_may_tear_what_was_not_synced_and_the_host_begins_all_the_same(seed: int) -> None:
-    disk = MemoryDisk()
-    journal = HostJournal(Path("/h"), Clock(), boot="this", disk=disk)
-    journal.begin()
-    robot = Kept(journal)
-    journal.sync()
-    synced = [encode_state(robot.core.state)]
-    for number in range(60):
-        robot.call(f"k{number}")
-        robot.take(on.Finish(key=f"k{number}", reply=Returned(key="k")))
-        journal.barrier()
-        synced.append(encode_state(robot.core.state))
-    disk.end()
-    disk.medium.lose_power(random.Random(seed))
-    following = HostJournal(Path("/h"), Clock(), boot="another", disk=MemoryDisk(disk.medium))
-    assert encode_state(following.found.robots[0].state) in synced
 
 
 def test_several_threads_write_and_nothing_is_lost(tmp_path: Path) -> None:
