@@ -18,12 +18,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import threading
 import weakref
-from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Iterator, Sequence
+from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Iterator
 from concurrent.futures import Future
-from contextlib import AbstractAsyncContextManager
-from typing import TYPE_CHECKING, Any, Self, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self, TypeVar, cast, overload
 
 from robotree.client.asynchronous import AsyncCall, AsyncCommand, AsyncReadings, AsyncRealm, connect_async
 from robotree.files import forks
@@ -35,16 +35,12 @@ from robotree.vr.base.errors import BadArgument, NoAnswer, TransportClosed, Unre
 if TYPE_CHECKING:
     from types import TracebackType
 
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from robotree.client.robots import Robots
-    from robotree.vr.base.description import Listing, RobotDescription
-    from robotree.vr.base.requests import LoggedLine, Reloaded, State
+    from robotree.vr.base.requests import State
 
 FAREWELL = 5.0
 """[s] for the commands to be ended when a realm is left."""
 
+_P = ParamSpec("_P")
 _T = TypeVar("_T")
 _K = TypeVar("_K", bound=Kind)
 
@@ -122,6 +118,18 @@ class _Loop:
             self._thread.join(FAREWELL)
 
 
+def _waits_for(
+    method: Callable[Concatenate[AsyncRealm, _P], Coroutine[Any, Any, _T]],
+) -> Callable[Concatenate[Realm, _P], _T]:
+    """Return the method of the same name without asyncio."""
+
+    @functools.wraps(method)
+    def waits(self: Realm, /, *values: _P.args, **arguments: _P.kwargs) -> _T:
+        return self.wait_for(method(self.behind, *values, **arguments))
+
+    return waits
+
+
 class Realm:
     """A realm: its robots by name, and what a supervisor does with them. See `AsyncRealm` for each method."""
 
@@ -191,35 +199,15 @@ class Realm:
 
     # -- who is there -----------------------------------------------------------------------------
 
-    def ls(self) -> Robots[Listing]:
-        """Return the robots that nobody commands, as the lookup services list them."""
-        return self.wait_for(self.behind.ls())
-
-    def tree(self) -> Robots[RobotDescription]:
-        """Describe all robots: those that nobody commands by name, then their children, and so on down."""
-        return self.wait_for(self.behind.tree())
-
-    def describe(self, robot: str) -> RobotDescription:
-        """Return what a robot is: commands, slots, readings, and its state now."""
-        return self.wait_for(self.behind.describe(robot))
-
-    def log(self, robot: str) -> Sequence[LoggedLine]:
-        """Return the log of a robot, the oldest line first."""
-        return self.wait_for(self.behind.log(robot))
+    ls = _waits_for(AsyncRealm.ls)
+    tree = _waits_for(AsyncRealm.tree)
+    describe = _waits_for(AsyncRealm.describe)
+    log = _waits_for(AsyncRealm.log)
+    look = _waits_for(AsyncRealm.look)
 
     def watch(self) -> Generator[tuple[str, State]]:
         """Yield the name and the new state of a robot, whenever one publishes its state."""
-        states = self.behind.watch()
-        try:
-            while True:
-                yield self.wait_for(_next(states))
-        finally:
-            with contextlib.suppress(TransportClosed):
-                self.wait_for(_end(states))
-
-    def look(self, view: str, camera: str = "", *, width: int = 320, height: int = 180) -> NDArray[np.uint8]:
-        """Return one picture of a view: rows, columns, and red, green, blue from 0 to 255."""
-        return self.wait_for(self.behind.look(view, camera, width=width, height=height))
+        return _each(self, self.behind.watch())
 
     # -- robots on top of robots ------------------------------------------------------------------
 
@@ -228,51 +216,20 @@ class Realm:
         self.wait_for(self.behind.create(page, robot, host=host, wanted=wanted, **settings))
         return self[robot]
 
-    def reload(self, robot: str, page: str = "", *, now: bool = False) -> Reloaded:
-        """Have a virtual robot go on with its page as it is in the file now, or with another page."""
-        return self.wait_for(self.behind.reload(robot, page, now=now))
-
-    def migrate(self, robot: str, host: str) -> str:
-        """Have a virtual robot go on in another host; returns a sentence for people."""
-        return self.wait_for(self.behind.migrate(robot, host))
-
-    def enslave(self, slot: str, child: str) -> None:
-        """Bind a child to a slot, `mover.arm`."""
-        self.wait_for(self.behind.enslave(slot, child))
-
-    def release(self, slot: str) -> None:
-        """Release the child in a slot, `mover.arm`, or all of a group, `team.rovers`."""
-        self.wait_for(self.behind.release(slot))
-
-    def delete(self, robot: str) -> str:
-        """End a virtual robot. Returns what is left of it, as a sentence; empty: nothing."""
-        return self.wait_for(self.behind.delete(robot))
+    reload = _waits_for(AsyncRealm.reload)
+    migrate = _waits_for(AsyncRealm.migrate)
+    enslave = _waits_for(AsyncRealm.enslave)
+    release = _waits_for(AsyncRealm.release)
+    delete = _waits_for(AsyncRealm.delete)
 
     # -- what they do -----------------------------------------------------------------------------
 
-    def cancel(self, robot: str) -> None:
-        """End all commands of a robot."""
-        self.wait_for(self.behind.cancel(robot))
-
-    def pause(self, robot: str) -> str:
-        """Have a virtual robot, and those below it, wait before each step. Returns a note for people."""
-        return self.wait_for(self.behind.pause(robot))
-
-    def step(self, robot: str) -> str:
-        """Let one step of a paused robot, or of one below it, pass. Returns the step in words."""
-        return self.wait_for(self.behind.step(robot))
-
-    def go_on(self, robot: str) -> str:
-        """End the pause of a robot and of those below it (`robotree continue`). Returns a note for people."""
-        return self.wait_for(self.behind.go_on(robot))
-
-    def stop(self, robot: str | None = None) -> Sequence[str]:
-        """Protective stop of one robot, or of all. Returns the names of those that have confirmed it."""
-        return self.wait_for(self.behind.stop(robot))
-
-    def resume(self, robot: str | None = None) -> Sequence[str]:
-        """Release the protective stop of one robot, or of all. Returns those that were in one."""
-        return self.wait_for(self.behind.resume(robot))
+    cancel = _waits_for(AsyncRealm.cancel)
+    pause = _waits_for(AsyncRealm.pause)
+    step = _waits_for(AsyncRealm.step)
+    go_on = _waits_for(AsyncRealm.go_on)
+    stop = _waits_for(AsyncRealm.stop)
+    resume = _waits_for(AsyncRealm.resume)
 
 
 class Robot:
@@ -347,11 +304,11 @@ class Command:
         `held` is asked on the thread behind the realm, so it may not wait; else as `AsyncCommand.attended`.
         """
         block = self._command.attended(held, *values, **arguments)
-        call = self._realm.wait_for(_entered(block))
+        call = self._realm.wait_for(block.__aenter__())
         try:
             yield Call(self._realm, call)
         finally:
-            self._realm.wait_for(_left(block))
+            self._realm.wait_for(block.__aexit__(None, None, None))
 
     def tell(self, *values: Any, **arguments: Any) -> None:
         """Send the command and wait only until the robot has accepted it; it may outlive the program."""
@@ -410,13 +367,7 @@ class Readings:
 
     def __call__(self, *, hz: float = 10.0) -> Iterator[Record]:
         """Yield each new reading; if several came since the last one, the latest. Ends only by an error."""
-        readings = self._readings(hz=hz)
-        try:
-            while True:
-                yield self._realm.wait_for(_next(readings))
-        finally:
-            with contextlib.suppress(TransportClosed):
-                self._realm.wait_for(_end(readings))
+        return _each(self._realm, self._readings(hz=hz))
 
     def __getattr__(self, name: str) -> float:
         if name.startswith("_"):
@@ -435,12 +386,14 @@ async def _result(call: AsyncCall, timeout: float | None) -> Any:
     return await call
 
 
-async def _entered(block: AbstractAsyncContextManager[_T]) -> _T:
-    return await block.__aenter__()
-
-
-async def _left(block: AbstractAsyncContextManager[Any]) -> None:
-    await block.__aexit__(None, None, None)
+def _each(realm: Realm, items: AsyncGenerator[_T]) -> Generator[_T]:
+    """Wait for one thing after the other, until the loop over them is left."""
+    try:
+        while True:
+            yield realm.wait_for(_next(items))
+    finally:
+        with contextlib.suppress(TransportClosed):
+            realm.wait_for(_end(items))
 
 
 async def _next(items: AsyncGenerator[_T]) -> _T:

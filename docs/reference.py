@@ -12,7 +12,7 @@ import ast
 import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 
@@ -80,10 +80,16 @@ def _module(name: str, others: list[str]) -> str:
     ]
     for each in exported:
         lines += ["", *_entry(each, getattr(module, each))]
-    for other in others:
-        for node in _source(other).body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                lines += ["", *_class(node)]
+    classes = [node for other in others for node in _source(other).body if isinstance(node, ast.ClassDef)]
+    methods = {
+        f"{node.name}.{each.name}": each
+        for node in classes
+        for each in node.body
+        if isinstance(each, ast.AsyncFunctionDef)
+    }
+    for node in classes:
+        if not node.name.startswith("_"):
+            lines += ["", *_class(node, methods)]
     return "\n".join(lines) + "\n"
 
 
@@ -111,13 +117,19 @@ def _entry(name: str, value: object) -> Iterator[str]:
     yield f"## `{name}`"
 
 
-def _class(node: ast.ClassDef) -> Iterator[str]:
+def _class(node: ast.ClassDef, methods: Mapping[str, ast.AsyncFunctionDef] | None = None) -> Iterator[str]:
+    """Describe a class; `methods`: those of which another class makes its own, as `ls = waits(Realm.ls)`."""
     bases = ", ".join([ast.unparse(each) for each in node.bases])
     yield f"## `class {node.name}{f'({bases})' if bases else ''}`"
     yield ""
     yield from _markdown(ast.get_docstring(node) or "")
     for each, after in zip(node.body, [*node.body[1:], None], strict=True):
-        if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef):
+        if isinstance(each, ast.Assign) and isinstance(each.value, ast.Call):
+            made = (methods or {}).get(ast.unparse(each.value.args[0])) if each.value.args else None
+            if made is not None:
+                signature = _signature(made).removeprefix("async ")
+                yield from ("", f"### `{signature}`", "", *_markdown(ast.get_docstring(made) or ""))
+        elif isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef):
             about = ast.get_docstring(each)
             if about and _is_public(each.name) and not _is_overload(each):
                 yield from ("", f"### `{_signature(each)}`", "", *_markdown(about))
