@@ -5,14 +5,18 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
 from mcp.client.stdio import StdioServerParameters
+from mcp_types import CallToolResult
 
+from robotree.assistants import seat as seats
 from robotree.vr.base.principal import user_name
-from tests.scenarios.test_sites import Machine
+from tests.assistants.hall import Hall, opened
+from tests.plant import Machine
+from tests.waiting import PATIENCE
 
 ME = user_name(os.geteuid())
 
@@ -59,6 +63,17 @@ roles:
   helper: {{see: 'cart-*', command: [cart-1, cart-2.count], ask: cart-2.walk}}
   looker: {{see: cart-1}}
 """
+
+
+def text(answer: CallToolResult) -> str:
+    return " ".join(each.text for each in answer.content if each.type == "text")
+
+
+@pytest.fixture
+async def hall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Hall]:
+    monkeypatch.setattr(seats, "LEASE", 10 * PATIENCE)  # no request comes here, or it waits
+    async with opened(tmp_path) as found:
+        yield found
 
 
 class Plant:

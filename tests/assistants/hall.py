@@ -11,13 +11,15 @@ from typing import Annotated, Any
 from robotree.assistants.keys import AssistantKeys
 from robotree.assistants.seat import Going, Seat
 from robotree.assistants.serving import floor_of
-from robotree.vr import Child, Robot, Unit, VirtualRobot, command
+from robotree.vr import Child, Range, Robot, Unit, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.base.policy import PolicyGate
+from robotree.vr.base.permit import PermittedCall
+from robotree.vr.base.policy import Person, PolicyGate
 from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.principal import user_name
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.network.permit_file import PermitFiles
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.network import MemoryNetwork
 from tests.waiting import until
@@ -37,7 +39,7 @@ class Cart(Robot):
         return {"x": self.at, "y": 0.0}
 
     @command
-    def walk(self, x: Annotated[float, Unit("m")]) -> None:
+    def walk(self, x: Annotated[float, Unit("m"), Range(-5, 2000)]) -> None:
         """Walk to a place."""
         while self.at < x:
             self.sleep(STEP)
@@ -66,12 +68,22 @@ class Lift(VirtualRobot):
         self.cart.walk(x=x)
 
 
+class Gate(PolicyGate):
+    """A policy, and the permits of its realm."""
+
+    def __init__(self, folder: Path) -> None:
+        self.permits = PermitFiles(folder)
+
+    def expect_permit(self, asker: Person, call: PermittedCall) -> None:
+        self.permits.expect(asker.assistant, call)
+
+
 class Hall:
     """A realm with a cart, and the seat of an assistant."""
 
     def __init__(self, folder: Path) -> None:
         self.network, self.folder, self.cart = MemoryNetwork(), folder, Cart("cart-1")
-        self.gate = self.network.gate = PolicyGate()
+        self.gate = self.network.gate = Gate(folder)
         self.realm_client = RealmClient(self.network.join("operator"))
         self.keys = AssistantKeys(folder)
         self.seat: Any = None

@@ -16,8 +16,7 @@ import pytest
 from mcp import Client
 from mcp.client.stdio import StdioServerParameters
 
-from tests.assistants.conftest import ME
-from tests.assistants.test_over_stdio import text
+from tests.assistants.conftest import ME, text
 from tests.command_line import ROBOTREE, robotree
 from tests.waiting import wait_until
 

@@ -19,15 +19,8 @@ from robotree.assistants.record import Record
 from robotree.assistants.seat import Going
 from robotree.assistants.serving import over_http
 from robotree.vr.base.errors import AssistantUnknown, BudgetSpent, PermitNeeded, PermitRefused
-from tests.assistants.hall import Hall, Lift, opened
+from tests.assistants.hall import Hall, Lift
 from tests.waiting import PATIENCE, until
-
-
-@pytest.fixture
-async def hall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Hall]:
-    monkeypatch.setattr(seats, "LEASE", 10 * PATIENCE)  # no request comes here
-    async with opened(tmp_path) as found:
-        yield found
 
 
 async def test_calls_at_the_same_time_share_what_is_left(hall: Hall) -> None:

@@ -1,25 +1,21 @@
-"""An assistant over stdio, by the protocol's own client and real processes: what it may and may not."""
+"""An assistant over stdio and HTTP, by the protocol's own client and real processes: one story."""
 
 from __future__ import annotations
 
 import json
 from typing import Any
 
+import httpx2
 import pytest
 from mcp import Client
-from mcp_types import CallToolResult
+from mcp.client.streamable_http import streamable_http_client
 
 from robotree.vr.base.errors import AssistantUnknown
-from tests.assistants.conftest import Plant
+from tests.assistants.conftest import Plant, text
 from tests.command_line import robotree
-from tests.waiting import until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
 PATIENT = 60.0
-
-
-def text(answer: CallToolResult) -> str:
-    return " ".join(each.text for each in answer.content if each.type == "text")
 
 
 async def test_an_assistant_sees_and_does_what_the_policy_says_and_is_asked_about_the_rest(
@@ -58,98 +54,27 @@ async def test_an_assistant_sees_and_does_what_the_policy_says_and_is_asked_abou
         assert again.is_error
         assert "it is over" in text(again)
         assert plant.walks("cart-2") == 1
-    why = robotree("why", "cart-2", **plant.machine.environment).stdout
+    why = plant.machine.text("why", "cart-2")
     assert "asked by claude@mcp" in why
     assert "claude says «order: allow this 'now' at once»" in why
     assert f"said yes at" in why and f"(permit {permit})" in why  # noqa: F541, PT018 # one line of it
 
 
-async def test_a_hostile_assistant_reaches_no_robot(plant: Plant) -> None:
-    before = [plant.walks(cart) for cart in ("cart-1", "cart-2", "secret")]
-    async with Client(plant.stdio("claude"), read_timeout_seconds=PATIENT) as client:
-        forged: list[tuple[str, dict[str, Any]]] = [
-            ("secret__walk", {"x": 1, "_why": "w"}),
-            ("cart-1__resume", {"_why": "w"}),
-            ("robotree_resume", {}),
-            ("cart-1__walk", {"x": 1}),
-            ("cart-1__walk", {"x": 5.1, "_why": "w"}),
-            ("cart-1__walk", {"x": "9 km", "_why": "w"}),
-            ("cart-1__walk", {"x": 1e999, "_why": "w"}),
-            ("cart-1__walk", {"x": 1, "_why": "w", "_within": -1}),
-            ("cart-1__walk", {"x": 1, "_why": "w", "epoch": 99}),
-            ("cart-1__walk", {"x": [1], "_why": ["w"]}),
-            ("robotree_permit", {"permit": "../policy"}),
-            ("robotree_permit", {"permit": "abcdefgh"}),
-            ("robotree_withdraw", {"permit": "cart-1"}),
-        ]
-        for name, given in forged:
-            answer = await client.call_tool(name, given)
-            assert answer.is_error, (name, given, text(answer))
-        for uri in ("robotree://robot/secret", "file:///etc/passwd", "robotree://view/none"):
-            with pytest.raises(Exception, match=r"may not see|no resource|no view|NoSuchView|There|there"):
-                await client.read_resource(uri)
-        # a permit of before a stop is worth nothing after it, though a person has said yes and resumed
-        asked = await client.call_tool("cart-2__walk", {"x": 2, "_why": "w"})
-        permit = str((asked.structured_content or {})["permit"])
-        plant.say("permit", "allow", permit)
-        stopped = await client.call_tool("robotree_stop", {"robot": "cart-2"})
-        assert "cart-2" in text(stopped)
-        assert (await client.call_tool("robotree_permit", {"permit": permit})).is_error
-        plant.say("resume", "cart-2")
-        late = await client.call_tool("robotree_permit", {"permit": permit})
-        assert "was stopped since" in text(late)
-        # another assistant sees nothing of it
-    async with Client(plant.stdio("other"), read_timeout_seconds=PATIENT) as client:
-        assert {t.name for t in (await client.list_tools()).tools if "__" in t.name} == set()
-        assert "there is no permit" in text(await client.call_tool("robotree_permit", {"permit": permit}))
-        assert (await client.call_tool("cart-1__walk", {"x": 1, "_why": "w"})).is_error
-    assert [plant.walks(cart) for cart in ("cart-1", "cart-2", "secret")] == before
-    refused = [each for each in plant.say("assistants", "claude") if each["what"] == "refused"]  # type: ignore[attr-defined]
-    assert len(refused) >= 5
-
-
-async def test_a_flood_is_refused_and_a_stop_is_heard_nevertheless(plant: Plant) -> None:
-    plant.rule(calls=3)
-    try:
-        async with Client(plant.stdio("claude"), read_timeout_seconds=PATIENT) as client:
-
-            async def spent() -> bool:
-                answer = await client.call_tool("cart-1__count", {"_why": "w"})
-                return answer.is_error is True and "BudgetSpent" in text(answer)
-
-            results = [await spent() for _ in range(6)]
-            assert results[-1], "the policy may just have changed"
-            assert "cart-1" in text(await client.call_tool("robotree_stop", {"robot": "cart-1"}))
-        async with Client(plant.stdio("claude"), read_timeout_seconds=PATIENT) as client:
-            again = await client.call_tool("cart-1__count", {"_why": "w"})
-            assert "BudgetSpent" in text(again), "a server that is started anew gives nothing back"
-    finally:
-        plant.rule()
-        plant.say("resume", "cart-1")
-
-
-async def test_robots_come_and_go_in_the_lists_and_a_client_that_is_gone_moves_nothing(plant: Plant) -> None:
-    news: list[str] = []
-
-    async def hear(message: Any) -> None:
-        news.append(type(message).__name__)
-
-    async with Client(
-        plant.stdio("claude"), mode="legacy", message_handler=hear, read_timeout_seconds=PATIENT
-    ) as client:
-        await client.list_tools()
-        plant.say("create", str(plant.folder / "cart.py"), "as", "cart-3")
-        await until(lambda: "ToolListChangedNotification" in news, PATIENT)
-        plant.say("delete", "cart-3")
-        import asyncio
-
-        going = asyncio.ensure_future(
-            client.call_tool("cart-1__walk", {"x": 4, "seconds": 60, "_why": "far"})
-        )
-        await until(lambda: plant.say("show", "cart-1").get("busy") == "walk", PATIENT)  # type: ignore[attr-defined]
-        going.cancel()
-        await asyncio.gather(going, return_exceptions=True)
-    await until(lambda: plant.say("show", "cart-1").get("busy", "") == "", PATIENT)  # type: ignore[attr-defined]
+async def test_over_http_only_who_has_a_key_comes_in(plant: Plant) -> None:
+    address = plant.machine.start("mcp", "mcp", "--http", "0")
+    async with httpx2.AsyncClient(timeout=PATIENT) as stranger:
+        for headers in ({}, {"Authorization": "Bearer rtk_forged"}, {"Authorization": "Basic x"}):
+            assert (await stranger.post(address, headers=headers, json={})).status_code == 401
+        web = {"Authorization": f"Bearer {plant.keys['claude']}", "Origin": "https://evil.example"}
+        assert (await stranger.post(address, headers=web, json={})).status_code == 403
+    mine = {"Authorization": f"Bearer {plant.keys['claude']}"}
+    async with httpx2.AsyncClient(headers=mine, timeout=PATIENT) as http:
+        door = streamable_http_client(address, http_client=http)
+        async with Client(door, read_timeout_seconds=PATIENT) as client:
+            done = await client.call_tool("cart-1__walk", {"x": 1, "_why": "to see it"})
+            told: Any = done.structured_content
+            assert told["observed"]["x"] == 1.0
+    plant.machine.end("mcp")
 
 
 def test_without_a_key_nobody_is_served(plant: Plant) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import AsyncIterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,15 +18,8 @@ from robotree.assistants.record import Record
 from robotree.assistants.server import AssistantServer
 from robotree.vr.base.errors import AssistantUnknown, BudgetSpent, PermitNeeded
 from robotree.vr.base.policy import AssistantTerms
-from tests.assistants.hall import STEP, Cart, Hall, opened
+from tests.assistants.hall import STEP, Cart, Hall
 from tests.waiting import PATIENCE, until
-
-
-@pytest.fixture
-async def hall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Hall]:
-    monkeypatch.setattr(seats, "LEASE", 10 * PATIENCE)  # no request comes here
-    async with opened(tmp_path) as found:
-        yield found
 
 
 def test_what_was_used_counts_for_its_time_whatever_the_clock_does(tmp_path: Path) -> None:

@@ -10,8 +10,6 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import AsyncIterator
-from pathlib import Path
 from typing import Any, Self
 
 import anyio
@@ -20,21 +18,13 @@ from mcp.shared.message import SessionMessage
 from mcp_types import jsonrpc_message_adapter
 
 from robotree.assistants import peer, serving
-from robotree.assistants import seat as seats
 from robotree.assistants import server as servers
 from robotree.assistants.pipes import BoundedLines, PatientTexts
 from robotree.assistants.server import AssistantServer
 from robotree.assistants.serving import watch_peer
-from tests.assistants.hall import Hall, opened
+from tests.assistants.hall import Hall
 from tests.assistants.test_held import HELLO
-from tests.waiting import PATIENCE, until
-
-
-@pytest.fixture
-async def hall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Hall]:
-    monkeypatch.setattr(seats, "LEASE", 10 * PATIENCE)  # its request waits: it counts as there
-    async with opened(tmp_path) as found:
-        yield found
+from tests.waiting import until
 
 
 class Wire:
