@@ -11,7 +11,7 @@ from textual._xterm_parser import XTermParser
 from textual.events import Key, Paste
 from textual.message import Message
 
-from robotree.tui.screen.bounded_paste import BEGIN, END, LONGEST, BoundedPaste
+from robotree.tui.screen.driver import BEGIN, END, LONGEST, BoundedPaste
 
 PARTS = st.lists(
     st.sampled_from([BEGIN, END, "\x1b[", "\x1b[20", "a", "q\n", "\x1b[A", "ü", " "]), max_size=12

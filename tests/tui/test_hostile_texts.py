@@ -11,7 +11,7 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.grammar import parse
 from robotree.tui.line.shell import Console, obey
-from robotree.tui.screen.widgets.control_filter import ControlFilter
+from robotree.tui.screen.app import ControlFilter
 from robotree.tui.terminal import STEERING, harmless
 
 if TYPE_CHECKING:

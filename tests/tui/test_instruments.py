@@ -12,7 +12,7 @@ from rich.text import Span, Text
 
 from robotree.tui.screen.hanging import TIE, broken
 from robotree.tui.seen import instruments
-from robotree.tui.seen.instruments import BARS, HALF, bar, figure, groups, spark
+from robotree.tui.seen.instruments import BARS, HALF, bar, bars, figure, groups
 from robotree.vr.base.readable import DECIMALS, OTHER
 
 UNITS = {
@@ -73,7 +73,7 @@ def test_every_reading_but_a_young_age_is_shown(readings: dict[str, float]) -> N
 
 @given(values=st.lists(st.floats(0, 100)), cells=st.integers(1, 20))
 def test_a_line_of_bars_has_its_width_and_the_newest_on_the_right(values: list[float], cells: int) -> None:
-    drawn = spark(values, 35.0, cells)
+    drawn = bars(values[-cells:], 0.0, 35.0).rjust(cells)
     assert len(drawn) == cells
     if values:
         assert drawn[-1] == BARS[min(round(7 * values[-1] / 35.0), 7)]
@@ -90,7 +90,7 @@ def test_a_bar_grows_from_the_middle_and_never_out_of_its_place(value: float) ->
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_no_number_draws_no_bar(value: float) -> None:
-    assert "".join(bar(value, 35.0)).strip() == spark([value], 35.0, 4).strip("▁ ") == ""
+    assert "".join(bar(value, 35.0)).strip() == bars([value], 0.0, 35.0).strip() == ""
 
 
 def test_a_well_known_reading_without_a_unit_is_in_si_units() -> None:

@@ -13,8 +13,9 @@ from robotree.tui.errors import AlarmsUnusable
 from robotree.tui.processes.alarm_file import AlarmFile
 from robotree.tui.seen import plotting
 from robotree.tui.seen.alarms import Alarm, acknowledged, judged
+from robotree.tui.seen.instruments import bars
 from robotree.tui.seen.plotting import Canvas, Curve, Frame
-from robotree.tui.seen.series import Series, Ticked, sparkline
+from robotree.tui.seen.series import Series, Ticked
 from robotree.tui.seen.store import Store
 from robotree.vr.base.readable import figure, finest
 from robotree.vr.base.requests import State
@@ -172,9 +173,9 @@ def test_a_scale_keeps_still_while_its_values_fit() -> None:
 
 
 def test_a_sparkline_goes_between_its_own_ends() -> None:
-    assert sparkline([1.0, 2.0, 3.0], 4) == " ▁▅█"
-    assert sparkline([2.0, 2.0], 2) == "▄▄"
-    assert sparkline([], 3) == "   "
+    assert bars([1.0, 2.0, 3.0]) == "▁▅█"
+    assert bars([2.0, 2.0]) == "▅▅"
+    assert Series().sparkline(3) == "   "
 
 
 def test_numbers_at_an_axis_can_be_told_apart_however_small_its_range_is() -> None:

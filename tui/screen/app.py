@@ -8,9 +8,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+from rich.segment import Segment
 from textual import work
 from textual.app import SystemCommand
 from textual.binding import Binding, BindingType
+from textual.color import Color
 from textual.driver import Driver
 from textual.events import Event, Key
 from textual.filter import LineFilter
@@ -31,9 +33,9 @@ from robotree.tui.screen.pages.main import FIRST, MainPage, main_page
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import NOWHERE, Place
-from robotree.tui.screen.widgets.control_filter import ControlFilter
 from robotree.tui.seen import wording
 from robotree.tui.seen.rows import natural
+from robotree.tui.terminal import STEERING
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -47,8 +49,23 @@ SHOWN_EVERY = 0.5
 """[s] between two looks whether the other operators are to be told of another page."""
 QUITS = frozenset({"q", "q!", "exit"})
 """Lines that leave other programs, taken as `quit`."""
+
+
+class ControlFilter(LineFilter):
+    """Takes away what steers a terminal instead of being seen, from every line of every widget.
+
+    Rich and Textual take a few control characters out of a text and let escapes pass. What steers has no
+    width, so it is taken away without moving anything.
+    """
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:  # noqa: ARG002 # Textual's contract
+        """Return the segments of one line with harmless texts; see `LineFilter.apply`."""
+        if not any(STEERING.search(segment.text) for segment in segments):
+            return segments
+        return [Segment(STEERING.sub("", text), style) for text, style, _ in segments]
+
+
 CONTROL_FILTER = ControlFilter()
-"""Every line of every widget goes through it."""
 
 
 def words_of(screen: Screen[object]) -> str:

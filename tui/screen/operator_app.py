@@ -9,9 +9,9 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from textual import work
 from textual.driver import Driver
@@ -42,6 +42,7 @@ from robotree.tui.screen.palette import reduced_theme
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.themes import OURS, REDUCED, SIXTEEN, chosen
 from robotree.tui.seen import wording
+from robotree.tui.seen.errand import CallListener
 from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import Selection
 from robotree.tui.seen.series import Reading, named, reading_of
@@ -69,26 +70,6 @@ LOOKS = frozenset({"theme", "language"})
 
 CONTROL = {"control get", "control offer", "control take", "control leave"}
 """Verbs by which control of a robot changes hands, or stays as it is."""
-
-
-class CallListener(Protocol):
-    """The page that started a command and gets its progress and result; it may be closed meanwhile."""
-
-    def started(self) -> None:
-        """The command was sent."""
-        ...
-
-    def progressed(self, fraction: float, text: str) -> None:
-        """The command reported how far it is."""
-        ...
-
-    def succeeded(self, value: Any, seconds: float) -> None:
-        """It succeeded."""
-        ...
-
-    def failed(self, reason: str) -> None:
-        """It was refused or failed."""
-        ...
 
 
 class OperatorApp(ErrorBoundary, KeyGuard[int]):
@@ -361,6 +342,12 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         if refusal:
             self.tell(refusal, "warning")
         return not refusal
+
+    def turn(self, names: Iterable[str], by: int) -> None:
+        """Select the robot so many places after the selected one among these; there is one at least."""
+        names = sorted(names)
+        at = names.index(self.selection.name) if self.selection.name in names else -1
+        self.choose(names[(at + by) % len(names)])
 
     # -- verbs -------------------------------------------------------------------------------------
 

@@ -18,6 +18,9 @@ Triplet = tuple[int, int, int]
 
 LEVELS = (0, 95, 135, 175, 215, 255)
 """Of each channel of the cube."""
+COLOURS = ("primary", "secondary", "accent", "foreground", "background", "surface", "panel", "success",
+           "warning", "error")  # fmt: skip
+"""Colours of every theme, as Textual names them."""
 TINT = 32
 """Difference between the channels up to which a colour counts as grey."""
 
@@ -48,17 +51,8 @@ def reduced_theme(theme: Theme) -> Theme:
     return replace(
         theme,
         name=f"{theme.name}-256",
-        primary=_reduced(theme.primary),
-        secondary=_reduced(theme.secondary),
-        accent=_reduced(theme.accent),
-        foreground=_reduced(theme.foreground),
-        background=_reduced(theme.background),
-        surface=_reduced(theme.surface),
-        panel=_reduced(theme.panel),
-        success=_reduced(theme.success),
-        warning=_reduced(theme.warning),
-        error=_reduced(theme.error),
         variables=variables,
+        **{name: _reduced(getattr(theme, name)) for name in COLOURS},
     )
 
 

@@ -26,6 +26,7 @@ from textual.theme import Theme
 
 from robotree import files
 from robotree.tui.errors import BadTheme
+from robotree.tui.screen.palette import COLOURS
 from robotree.tui.screen.themes import OURS
 
 FOLDER = "robotree/themes"
@@ -33,19 +34,6 @@ LARGEST = 100_000
 """Bytes of a file that are read."""
 MOST = 100
 """Files that are read."""
-PLAIN = (
-    "primary",
-    "secondary",
-    "accent",
-    "foreground",
-    "background",
-    "surface",
-    "panel",
-    "success",
-    "warning",
-    "error",
-)
-"""Colours of every theme, as Textual names them."""
 OTHERS = {
     "stop": "stop",
     "banner": "banner",
@@ -126,13 +114,13 @@ def read(text: str, name: str, path: str) -> Theme:
 
 
 def _painted(base: Theme, name: str, colours: Mapping[str, str]) -> Theme:
-    plain: dict[str, Any] = {key: colours[key] for key in PLAIN if key in colours}
+    plain: dict[str, Any] = {key: colours[key] for key in COLOURS if key in colours}
     variables = {OTHERS[key]: colour for key, colour in colours.items() if key in OTHERS}
     return replace(base, name=name, variables={**base.variables, **variables}, **plain)
 
 
 def _colour(key: str, value: object, path: str) -> str:
-    known = (*PLAIN, *OTHERS)
+    known = (*COLOURS, *OTHERS)
     if key not in known:
         near = get_close_matches(key, known, n=2)
         hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"

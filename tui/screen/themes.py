@@ -123,17 +123,8 @@ def _of_sixteen(theme: Theme) -> Theme:
     return replace(
         theme,
         name=f"{theme.name}-16",
-        primary=colours["primary"],
-        secondary=colours["secondary"],
-        accent=colours["accent"],
-        foreground=colours["foreground"],
-        background=colours["background"],
-        surface=colours["surface"],
-        panel=colours["panel"],
-        success=colours["success"],
-        warning=colours["warning"],
-        error=colours["error"],
         variables=variables,
+        **colours,
     )
 
 

@@ -1,4 +1,4 @@
-"""Something that a person has had begun on the page for users: how far it is, and what came of it. Pure."""
+"""Something that a person has had begun: who hears how far it is, and what came of it. Pure."""
 
 from __future__ import annotations
 
@@ -11,9 +11,25 @@ from robotree.tui.seen import wording
 from robotree.tui.seen.behaviours import Behaviour
 
 
+class CallListener:
+    """What has started a command, and gets its progress and result; its page may be closed meanwhile."""
+
+    def started(self) -> None:
+        """The command was sent."""
+
+    def progressed(self, fraction: float, text: str) -> None:
+        """The command reported how far it is."""
+
+    def succeeded(self, value: Any, seconds: float) -> None:
+        """It succeeded."""
+
+    def failed(self, reason: str) -> None:
+        """It was refused or failed."""
+
+
 @dataclass(slots=True, eq=False)
-class Errand:
-    """Listens to one command (`operator_app.CallListener`)."""
+class Errand(CallListener):
+    """One command."""
 
     behaviour: Behaviour
     robot: str
@@ -43,9 +59,6 @@ class Errand:
             return f"failed: {self.why}"
         told = ", ".join(f"{name} {text}".strip() for name, text in self.result)
         return f"done: {told}" if told else "done"
-
-    def started(self) -> None:
-        """It was sent."""
 
     def progressed(self, fraction: float, text: str) -> None:
         """It reports how far it is."""

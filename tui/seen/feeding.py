@@ -26,7 +26,6 @@ from robotree.vr.supervision.groups import members_among
 if TYPE_CHECKING:
     from robotree.vr.base.description import RobotDescription
     from robotree.vr.base.requests import LoggedLine, State
-    from robotree.vr.base.transport import Registration
     from robotree.vr.supervision.realm_client import RealmClient
 
 PAUSE = 0.4
@@ -80,11 +79,7 @@ class Feed:
         self.moment_of: Callable[[LoggedLine], float] = lambda _: clock()
         """When a line of a log was said [s on the store's clock]: now; clocks of hosts are not compared."""
         self._hint = asyncio.Event()
-        self._watching: Registration | None = None
-        self._listening: Registration | None = None
-        self._ordering: Registration | None = None
-        self._forget: Callable[[], None] | None = None
-        self._tasks: tuple[asyncio.Task[None], ...] = ()
+        self._open = contextlib.AsyncExitStack()
         self.alarms = alarms
         self._alarms: tuple[Alarm, ...] = ()
         """As they were shown."""
@@ -95,30 +90,18 @@ class Feed:
 
     async def open(self) -> None:
         """Begin to feed: what lookup services list at once, the rest as it comes."""
+        client, at_end = self.realm_client, self._open.push_async_callback
         self._take_lists()
-        self._forget = self.realm_client.on_change(self._take_lists)
-        self._watching = await self.realm_client.watch_state(None, self._take_state)
-        self._listening = await self.realm_client.watch_log(None, self._take_lines)
-        self._ordering = await self.realm_client.orders.on_change(lambda _: self._hint.set())
-        self._tasks = (
-            asyncio.create_task(self._keep_looking(), name="feed of the supervisor"),
-            asyncio.create_task(self._keep_glancing(), name="signs of life for the supervisor"),
-            asyncio.create_task(self._keep_asking_where(), name="other sites for the supervisor"),
-        )
+        at_end((await client.watch_state(None, self._take_state)).close)
+        at_end((await client.watch_log(None, self._take_lines)).close)
+        at_end((await client.orders.on_change(lambda _: self._hint.set())).close)
+        for work in (self._keep_looking, self._keep_glancing, self._keep_asking_where):
+            at_end(_ended, asyncio.create_task(work(), name=f"feed: {work.__name__}"))
+        self._open.callback(client.on_change(self._take_lists))
 
     async def close(self) -> None:
         """End. Twice is once."""
-        if self._forget:
-            self._forget()
-            self._forget = None
-        tasks, self._tasks = self._tasks, ()
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        for registration in (self._watching, self._listening, self._ordering):
-            if registration:
-                await registration.close()
-        self._watching = self._listening = self._ordering = None
+        await self._open.aclose()
 
     def _take_lists(self) -> None:
         now = self.clock()
@@ -291,3 +274,9 @@ class Feed:
         except Exception:  # the last fence of this task: the supervisor goes on with what it knows
             log.exception("a look at the tree failed")
             self.store.tell("cannot see the tree: the log file says why", "error", self.clock())
+
+
+async def _ended(task: asyncio.Task[None]) -> None:
+    """End a task, whatever has become of it."""
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite
 
@@ -166,14 +166,19 @@ def bar(value: float, full: float, half: int = HALF) -> tuple[str, str]:
 BARS = "▁▂▃▄▅▆▇█"
 
 
-def spark(values: Iterable[float], full: float, cells: int) -> str:
-    """Draw the newest values as a line of bars, the newest on the right.
+def bars(values: Sequence[float], low: float | None = None, high: float | None = None) -> str:
+    """Draw values as bars, a cell each.
 
     Args:
-        values: from the oldest to the newest, not negative.
-        full: value of a full bar.
-        cells: of the line.
+        values: from the oldest to the newest; of one that is NaN nothing is drawn.
+        low: of an empty bar; None: the least of the values.
+        high: of a full bar; None: the greatest of them; where all are the same, bars are half full.
     """
-    newest = [value if isfinite(value) else 0.0 for value in values][-cells:]
-    top = len(BARS) - 1
-    return "".join(BARS[min(max(round(top * value / full), 0), top)] for value in newest).rjust(cells)
+    known = [value for value in values if isfinite(value)]
+    low = min(known, default=0.0) if low is None else low
+    high = max(known, default=0.0) if high is None else high
+    drawn, top = "", len(BARS) - 1
+    for value in values:
+        share = (value - low) / (high - low) if high > low else 0.5
+        drawn += BARS[min(max(round(top * share), 0), top)] if isfinite(value) else " "
+    return drawn

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from math import isfinite
 
 KEPT = 6000
@@ -64,9 +64,11 @@ class Series:
         first, last = max(bisect_left(times, begin) - 1, 0), bisect_left(times, end)
         return times[first:last], list(self._values)[first:last]
 
-    def newest(self, count: int) -> list[float]:
-        """Return the newest values, the oldest of them first."""
-        return list(self._values)[-count:]
+    def sparkline(self, cells: int) -> str:
+        """Draw every tenth of the newest values as bars, the newest on the right."""
+        from robotree.tui.seen.instruments import bars
+
+        return bars(list(self._values)[-10 * cells :][::10]).rjust(cells)
 
 
 class Ticked:
@@ -106,18 +108,3 @@ def reading_of(text: str) -> Reading | None:
     """Read `arm-1.fz`; the robot may have the name of its site before it. None: it is no reading."""
     robot, dot, name = text.partition(".")
     return (robot, name) if robot and dot and name else None
-
-
-def sparkline(values: Iterable[float], cells: int) -> str:
-    """Draw the newest values as bars between their own least and greatest one, the newest on the right."""
-    from robotree.tui.seen.instruments import BARS
-
-    newest = list(values)[-cells:]
-    if not newest:
-        return " " * cells
-    low, high = min(newest), max(newest)
-    top, span = len(BARS) - 1, (high - low) or 1.0
-    level = top // 2 if high == low else None
-    return "".join(
-        BARS[round(top * (value - low) / span) if level is None else level] for value in newest
-    ).rjust(cells)

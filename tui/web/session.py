@@ -23,7 +23,9 @@ import sys
 import termios
 import tty
 from collections.abc import Sequence
-from typing import Any, Protocol, cast
+from typing import Any, cast
+
+from websockets.asyncio.server import ServerConnection
 
 BEAT, SILENCE = 2.0, 10.0
 """[s] between two questions whether the tab is there; and after which one that says nothing is not."""
@@ -37,22 +39,6 @@ KEYS = 400_000
 """Bytes of keys that may wait for the screen: a paste of 100 000 letters of any script."""
 SMALLEST, LARGEST = 2, 500
 """Columns, and lines, of a terminal."""
-
-
-class Tab(Protocol):
-    """The socket to a browser."""
-
-    async def send(self, message: str | bytes) -> None:
-        """Send, and wait where the browser is slow."""
-        ...
-
-    async def recv(self) -> str | bytes:
-        """Receive."""
-        ...
-
-    async def close(self, code: int = 1000, reason: str = "") -> None:
-        """End it."""
-        ...
 
 
 def size_of(given: object) -> tuple[int, int] | None:
@@ -179,7 +165,7 @@ class Screen:
 class Session:
     """What goes between a tab and its screen."""
 
-    def __init__(self, tab: Tab, screen: Screen, size: tuple[int, int]) -> None:
+    def __init__(self, tab: ServerConnection, screen: Screen, size: tuple[int, int]) -> None:
         """Join them; `size` is that of the tab."""
         self._tab, self._screen, self._size = tab, screen, size
         self._open, self._hidden = 0, False

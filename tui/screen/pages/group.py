@@ -13,7 +13,6 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import ContentSwitcher, OptionList
 
-from robotree.tui.screen.operator_app import CallListener
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.command_form import CommandForm
@@ -21,6 +20,7 @@ from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.seen import wording
 from robotree.tui.seen.cells import seen
+from robotree.tui.seen.errand import CallListener
 from robotree.tui.seen.store import SeenGroup, Store
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, RobotDescription
@@ -59,16 +59,13 @@ def _fields(spec: CommandSpec) -> list[tuple[str, str]]:
     return [(field.name, field.type) for field in spec.parameters]
 
 
-class _Answer:
+class _Answer(CallListener):
     """One member's part of a command that was given to its group."""
 
     def __init__(self, page: GroupPanel, name: str) -> None:
         self.name, self.mark, self.words, self.ok = name, "◐", "asked", True
         self.ended = False
         self._page = page
-
-    def started(self) -> None:
-        """It was asked."""
 
     def progressed(self, fraction: float, text: str) -> None:
         """It says how far it is."""

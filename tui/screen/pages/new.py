@@ -18,14 +18,13 @@ from textual.widgets.tree import TreeNode
 from robotree.files import text as text_of
 from robotree.tui.line import sources
 from robotree.tui.line.grammar import Line, Value
-from robotree.tui.screen import entry
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.key_guard import Form
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.source_outline import ClassOutline, outline, suggested_name
 from robotree.tui.screen.widgets.choice import Choice
-from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.field_row import FieldRow, filled_in
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import wording
 from robotree.vr.base.address import check_name
@@ -236,17 +235,12 @@ class NewPage(Form, Page):
 
     def _edited(self) -> tuple[str, ...] | None:
         """Return the settings that were edited, as `NAME=VALUE`; None: one is wrong, and says so."""
-        rows = {row.spec.name: row for row in self._rows}
         spec = CommandSpec(name="create", parameters=tuple(row.spec for row in self._rows))
-        read = entry.read(spec, {name: row.text for name, row in rows.items()})
-        for name, row in rows.items():
-            row.complain(read.complaints.get(name, ""))
-        if read.complaints:
-            rows[next(iter(read.complaints))].focus_entry()
+        arguments = filled_in(spec, self._rows)
+        if arguments is None:
             return None
-        return tuple(
-            f"{name}={wording.typed(value)}" for name, value in read.arguments.items() if rows[name].touched
-        )
+        touched = {row.spec.name for row in self._rows if row.touched}
+        return tuple(f"{name}={wording.typed(arguments[name])}" for name in arguments if name in touched)
 
     @on(Input.Changed, "#name")
     def _named(self) -> None:

@@ -20,13 +20,14 @@ from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.command_form import CommandForm
-from robotree.tui.screen.widgets.laid_out import LaidOut, Told
+from robotree.tui.screen.widgets.laid_out import LaidOut
 from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.program_panel import ProgramPanel
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.tui.seen import wording
 from robotree.tui.seen.cells import seen
+from robotree.tui.seen.errand import CallListener
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.readable import command_as_shown
 
@@ -164,7 +165,7 @@ class PanelPage(Page):
         part, robot = event.part, self.robot
 
         def begin(_yes: str = "") -> None:
-            self.app.call(robot.name, part.command, part.arguments, Told())
+            self.app.call(robot.name, part.command, part.arguments, CallListener())
 
         if part.confirm:
             what = f"{robot.name}.{part.command} begins"

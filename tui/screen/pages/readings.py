@@ -23,7 +23,7 @@ from robotree.tui.screen.widgets.row_list import Row, RowList
 from robotree.tui.seen import instruments
 from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.cells import seen
-from robotree.tui.seen.series import Reading, named, sparkline
+from robotree.tui.seen.series import Reading, named
 from robotree.tui.seen.streams import STREAM, numbers_of
 from robotree.vr.base.readable import apart, entered, figure
 
@@ -208,7 +208,7 @@ class ReadingsPage(Page):
             (text, "bold"),
         )
         if series is not None:
-            line.append(f"  {sparkline(series.newest(10 * SPARK)[::10], SPARK)}", tint(self.app, "accent"))
+            line.append(f"  {series.sparkline(SPARK)}", tint(self.app, "accent"))
         if alarm is not None:
             style = "error" if alarm.open else "warning" if alarm.active else "muted"
             line.append(f"  {alarm.sign} {limit}" + (f" {alarm.state}" if alarm.state != "calm" else ""),

@@ -15,7 +15,6 @@ from textual.widgets import Button, Input, Label, Static
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line import ordering
-from robotree.tui.screen import entry
 from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.dialogs import Answer, Confirm, Question
 from robotree.tui.screen.pages.page import Page
@@ -25,7 +24,7 @@ from robotree.tui.screen.pages.write import WritePage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.choice import Choice
-from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.field_row import FieldRow, filled_in
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
 from robotree.tui.screen.widgets.marks import DIM, tint
@@ -413,17 +412,6 @@ class DoingPage(PlainPage):
         ]
         return fit[0] if fit else None
 
-    def _arguments(self) -> dict[str, Any] | None:
-        """Return what is filled in; None: something is wrong, which stands beside its field."""
-        rows = {row.spec.name: row for row in self.query(FieldRow)}
-        read = entry.read(self.behaviour.spec, {name: row.text for name, row in rows.items()})
-        for name, row in rows.items():
-            row.complain(read.complaints.get(name, ""))
-        if read.complaints:
-            rows[next(iter(read.complaints))].focus_entry()
-            return None
-        return dict(read.arguments)
-
     @on(FieldRow.Onward)
     def _onward(self) -> None:
         self.focus_next()
@@ -431,7 +419,8 @@ class DoingPage(PlainPage):
     @on(Button.Pressed, "#begin")
     def action_begin(self) -> None:
         """Begin, and go back to the list, which shows how far it is."""
-        doer, arguments = self._doer(now=True), self._arguments()
+        doer = self._doer(now=True)
+        arguments = filled_in(self.behaviour.spec, self.query(FieldRow))
         if doer is None:
             self.app.tell(self.behaviour.state, "warning")
         elif arguments is not None and not self._sent:
@@ -441,7 +430,8 @@ class DoingPage(PlainPage):
 
     @on(Button.Pressed, "#order")
     def _order(self) -> None:
-        doer, arguments = self._doer(now=False), self._arguments()
+        doer = self._doer(now=False)
+        arguments = filled_in(self.behaviour.spec, self.query(FieldRow))
         if doer is not None and arguments is not None and not self._sent:
             self._sent = True
             self._leave(doer.name, arguments)

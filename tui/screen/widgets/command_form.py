@@ -20,9 +20,10 @@ from robotree.tui.screen import entry, key_guard
 from robotree.tui.screen.key_guard import Form
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cached_text import CachedText
-from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.field_row import FieldRow, filled_in
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import wording
+from robotree.tui.seen.errand import CallListener
 from robotree.vr.base.description import CommandSpec
 from robotree.vr.network.realms import DEFAULT_REALM
 
@@ -30,7 +31,7 @@ CELLS = 20
 """Of the bar that shows how far a command is."""
 
 
-class CommandForm(Form, Part, VerticalScroll):
+class CommandForm(Form, CallListener, Part, VerticalScroll):
     """Draws one command; asks the screen to run or to cancel it."""
 
     class Run(Message):
@@ -188,16 +189,11 @@ class CommandForm(Form, Part, VerticalScroll):
             return
         if self.denied or not self.spec.available:  # the form shows why, and the remedy
             return
-        rows = {row.spec.name: row for row in self.query(FieldRow)}
-        read = entry.read(self.spec, self.texts)
-        for name, row in rows.items():
-            row.complain(read.complaints.get(name, ""))
-        if read.complaints:
-            rows[next(iter(read.complaints))].focus_entry()
+        arguments = filled_in(self.spec, self.query(FieldRow))
+        if arguments is None:
             return
-        arguments = dict(read.arguments)
         if self.spec.beside:  # what stays as it is, another person may be changing
-            arguments = {name: value for name, value in arguments.items() if rows[name].touched}
+            arguments = {name: value for name, value in arguments.items() if name in self.typed}
         self.carrying, self._began = f"{self.spec.name} is running", self.app.now()
         self._came_from = self.screen.focused
         self._enable()
@@ -207,7 +203,7 @@ class CommandForm(Form, Part, VerticalScroll):
     def _cancel(self) -> None:
         self.post_message(self.Cancel())
 
-    # -- what comes of it (`operator_app.CallListener`)  ---------------------------------------------------
+    # -- what comes of it --------------------------------------------------------------------------
 
     def started(self) -> None:
         """The command was sent."""

@@ -12,7 +12,6 @@ from robotree.tui.screen.widgets.marks import status_mark, tint
 from robotree.tui.screen.widgets.readings import Lines, ShownReadings
 from robotree.tui.seen import readiness, wording
 from robotree.tui.seen.cells import seen
-from robotree.tui.seen.series import sparkline
 from robotree.tui.seen.store import SeenGroup, Store
 
 if TYPE_CHECKING:
@@ -79,7 +78,7 @@ class Details(Lines):
     def _over_time(self, text: Text, store: Store, name: str) -> None:
         """Draw the ticked readings of the robot as sparklines."""
         for reading, series in store.watched.ticked.robots.get(name, {}).items():
-            words = Text(sparkline(series.newest(10 * SPARK)[::10], SPARK), tint(self.app, "accent"))
+            words = Text(series.sparkline(SPARK), tint(self.app, "accent"))
             self.line(text, reading, words)
 
     def _lease(self, text: Text, store: Store, robot: RobotDescription, now: float) -> None:

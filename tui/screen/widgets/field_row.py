@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from rich.text import Text
 from textual import on
@@ -16,7 +17,7 @@ from robotree.tui.screen import entry
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.seen import wording
-from robotree.vr.base.description import FieldSpec
+from robotree.vr.base.description import CommandSpec, FieldSpec
 
 YES_NO = ("yes", "no")
 
@@ -162,6 +163,18 @@ class FieldRow(Part, Vertical):
     def _submitted(self, event: Input.Submitted) -> None:
         event.stop()
         self.post_message(self.Onward(self))
+
+
+def filled_in(spec: CommandSpec, rows: Iterable[FieldRow]) -> dict[str, Any] | None:
+    """Return the arguments that stand in the fields of a form; None: some are wrong, and say why."""
+    by_name = {row.spec.name: row for row in rows}
+    read = entry.read(spec, {name: row.text for name, row in by_name.items()})
+    for name, row in by_name.items():
+        row.complain(read.complaints.get(name, ""))
+    if read.complaints:
+        by_name[next(iter(read.complaints))].focus_entry()
+        return None
+    return dict(read.arguments)
 
 
 def _entry(spec: FieldSpec, text: str) -> Choice | Input:

@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 from rich.segment import Segment
 from rich.style import Style
@@ -23,6 +22,7 @@ from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.seen import instruments
 from robotree.tui.seen.cells import seen
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.requests import Picture
@@ -39,7 +39,6 @@ from robotree.vr.bundle.panel import (
 
 CELLS = 24
 """Of a bar, and of a plot."""
-LEVELS = " ▁▂▃▄▅▆▇█"
 QUALITY = 60
 """Of a picture (JPEG)."""
 MARK = "✛"
@@ -139,16 +138,7 @@ def curve(past: list[tuple[float, float]], now: float, seconds: float) -> str:
     for when, value in past:
         at = int((when - now + seconds) / seconds * CELLS)
         columns[min(max(at, 0), CELLS - 1)].append(value)
-    values = [value for _, value in past]
-    low, high = (min(values), max(values)) if values else (0.0, 0.0)
-    drawn = ""
-    for column in columns:
-        if not column:
-            drawn += " "
-        else:
-            share = 0.5 if high == low else (sum(column) / len(column) - low) / (high - low)
-            drawn += LEVELS[1 + round(share * (len(LEVELS) - 2))]
-    return drawn
+    return instruments.bars([sum(each) / len(each) if each else math.nan for each in columns])
 
 
 class MarkedPicture(PictureView):
@@ -189,19 +179,3 @@ class MarkedPicture(PictureView):
         x = min(int(across * width), width - 1)
         cell = Strip([Segment(MARK, Style(bold=True) + tint(self.app, "error"))])
         return Strip.join([strip.crop(0, x), cell, strip.crop(x + 1)])
-
-
-class Told:
-    """The listener of a command that a button has begun: the message line says how it ends."""
-
-    def started(self) -> None:
-        """Nothing more is shown."""
-
-    def progressed(self, fraction: float, text: str) -> None:
-        """The robot's line shows it."""
-
-    def succeeded(self, value: Any, seconds: float) -> None:
-        """The message line says it."""
-
-    def failed(self, reason: str) -> None:
-        """The message line says it."""

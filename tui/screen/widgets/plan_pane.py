@@ -158,9 +158,6 @@ class PlanPane(Part, Horizontal):
 
     @on(PlanView.Turned)
     def _turned(self, event: PlanView.Turned) -> None:
-        names = sorted(spot.name for spot in spots(self.app.store, self._ground))
-        if not names:
-            return
-        at = names.index(self.app.selection.name) if self.app.selection.name in names else -1
-        self.app.choose(names[(at + event.by) % len(names)])
-        self._pointed()
+        if names := [spot.name for spot in spots(self.app.store, self._ground)]:
+            self.app.turn(names, event.by)
+            self._pointed()

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from rich.segment import Segment
 from rich.style import Style
-from textual.binding import BindingType
 from textual.events import Click, Resize
 from textual.geometry import Region, Size
-from textual.message import Message
 from textual.strip import Strip
-from textual.widget import Widget
 
 from robotree.tui.processes.place_files import NamedPlace
-from robotree.tui.screen.bindings import bindings, refusal
 from robotree.tui.screen.foresight import Foreseen
-from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.marks import tint
+from robotree.tui.screen.widgets.pointing import Pointing
 from robotree.tui.seen.frames import Spot
 from robotree.tui.seen.plan import PLACE, Mark, PlanScene, Point, Run, Window, drawn, fitting, heading_sign
 
@@ -27,25 +21,10 @@ FAR = 5
 """Cells that the cursor goes with shift."""
 
 
-class PlanView(Part, Widget, can_focus=True):
+class PlanView(Pointing):
     """Draws a scene line by line: only lines that differ are drawn again."""
 
     DEFAULT_CSS = "PlanView { width: 1fr; height: 1fr; }"
-    BINDINGS: ClassVar[list[BindingType]] = bindings("plan")
-
-    class Pointed(Message):
-        """The cursor was moved to a point."""
-
-    class Chosen(Message):
-        """The point under the cursor was chosen."""
-
-    class Turned(Message):
-        """Another robot of the plan is wanted."""
-
-        def __init__(self, by: int) -> None:
-            """Say how many further."""
-            super().__init__()
-            self.by = by
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
         """Show an empty place."""
@@ -59,6 +38,11 @@ class PlanView(Part, Widget, can_focus=True):
         """Column and row; None: nobody has moved it yet."""
 
     # -- what is shown -----------------------------------------------------------------------------
+
+    @property
+    def has_cursor(self) -> bool:
+        """Whether somebody has moved the cursor (`Pointing`)."""
+        return self.cursor is not None
 
     @property
     def point(self) -> Point | None:
@@ -123,12 +107,6 @@ class PlanView(Part, Widget, can_focus=True):
 
     # -- keys --------------------------------------------------------------------------------------
 
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Take no key of what is absent since one may only look."""
-        if refusal(self, self.app.keyboard, action, parameters):
-            return False
-        return super().check_action(action, parameters)
-
     def action_cursor(self, across: int, down: int) -> None:
         """Move the cursor by so many cells; the first time it comes to the middle."""
         if self.cursor is None:
@@ -136,13 +114,6 @@ class PlanView(Part, Widget, can_focus=True):
         else:
             self.cursor = self._inside((self.cursor[0] + across, self.cursor[1] + down))
         self._moved()
-
-    def action_choose(self) -> None:
-        """Choose the point under the cursor."""
-        if self.cursor is None:
-            self.action_cursor(0, 0)
-        else:
-            self.post_message(self.Chosen())
 
     def action_zoom(self, steps: int) -> None:
         """Go nearer to the cursor, or away from it; 0: see everything."""
@@ -158,15 +129,11 @@ class PlanView(Part, Widget, can_focus=True):
             self.cursor = self._inside(self._window.cell(point))
         self.show(self._scene)
 
-    def action_robot(self, by: int) -> None:
-        """Select another robot of the plan."""
-        self.post_message(self.Turned(by))
-
     def on_click(self, event: Click) -> None:
         """Move the cursor to where it was clicked; a click on the cursor chooses."""
         cell = self._inside((event.x, event.y))
         if cell == self.cursor:
-            self.post_message(self.Chosen())
+            self.post_message(self.Chosen(self))
         else:
             self.cursor = cell
             self._moved()
@@ -177,7 +144,7 @@ class PlanView(Part, Widget, can_focus=True):
 
     def _moved(self) -> None:
         self.show(self._scene)
-        self.post_message(self.Pointed())
+        self.post_message(self.Pointed(self))
 
 
 def scene_of(

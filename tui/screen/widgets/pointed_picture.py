@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import ClassVar
 
 from rich.segment import Segment
 from rich.style import Style
-from textual.binding import BindingType
 from textual.events import Click
-from textual.message import Message
 from textual.strip import Strip
 
-from robotree.tui.screen.bindings import bindings, refusal
 from robotree.tui.screen.foresight import Foreseen
 from robotree.tui.screen.widgets.cached_text import entitle
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import RATE, PictureView
+from robotree.tui.screen.widgets.pointing import Pointing
 from robotree.tui.seen.geometry import LEVEL, Point, on_plane, seen_at
 from robotree.tui.seen.plan import CURSOR, GOAL, REFUSED, STEP
 
@@ -24,29 +21,8 @@ PARTS = 8
 """Signs that are drawn between two points of a way."""
 
 
-class PointedPicture(PictureView, can_focus=True):
+class PointedPicture(Pointing, PictureView):
     """Shows a camera; the point under the cursor is where the view meets a level plane of the workspace."""
-
-    BINDINGS: ClassVar[list[BindingType]] = bindings("plan")
-
-    class Pointed(Message):
-        """The cursor was moved."""
-
-        def __init__(self, picture: PointedPicture) -> None:
-            """Say in which picture."""
-            super().__init__()
-            self.picture = picture
-
-    class Chosen(Pointed):
-        """The point under the cursor was chosen."""
-
-    class Turned(Message):
-        """Another robot is wanted."""
-
-        def __init__(self, picture: PointedPicture, by: int) -> None:
-            """Say how many further."""
-            super().__init__()
-            self.picture, self.by = picture, by
 
     def __init__(self, *, id: str | None = None, rate: float = RATE) -> None:  # noqa: A002 # Textual's name for it
         """Show nothing yet."""
@@ -62,6 +38,11 @@ class PointedPicture(PictureView, can_focus=True):
         self._signs: dict[tuple[int, int], tuple[str, str]] = {}
 
     # -- what is pointed at ------------------------------------------------------------------------
+
+    @property
+    def has_cursor(self) -> bool:
+        """Whether somebody points here (`Pointing`)."""
+        return self._at is not None
 
     @property
     def point(self) -> dict[str, float] | None:
@@ -90,12 +71,6 @@ class PointedPicture(PictureView, can_focus=True):
 
     # -- keys --------------------------------------------------------------------------------------
 
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Take no key of what is absent since one may only look."""
-        if refusal(self, self.app.keyboard, action, parameters):
-            return False
-        return super().check_action(action, parameters)
-
     def action_cursor(self, across: int, down: int) -> None:
         """Move the cursor by so many cells; the first time it comes to the middle."""
         field = self.field
@@ -106,22 +81,11 @@ class PointedPicture(PictureView, can_focus=True):
             x, y = x + across / field.width, y + down / field.height
         self._point_at(min(max(x, 0.0), 1.0), min(max(y, 0.0), 1.0))
 
-    def action_choose(self) -> None:
-        """Choose the point under the cursor."""
-        if self._at is None:
-            self.action_cursor(0, 0)
-        else:
-            self.post_message(self.Chosen(self))
-
     def action_zoom(self, steps: int) -> None:
         """Raise the plane that is pointed at, or lower it; 0: the floor."""
         self.level = round(self.level + steps * LEVEL, 3) if steps else 0.0
         self.draw()
         self.post_message(self.Pointed(self))
-
-    def action_robot(self, by: int) -> None:
-        """Select another robot that moves here."""
-        self.post_message(self.Turned(self, by))
 
     def on_click(self, event: Click) -> None:
         """Point to where it was clicked; a click on the cursor chooses."""

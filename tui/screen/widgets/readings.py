@@ -135,7 +135,7 @@ class Lines(CachedText):
             peaks = peaks or ([readable.figure(max(shown.past), "N")[0]] if shown.past else [])
             style = muted if shown.old else self._alarm(size, FULL_FORCE)
             if shown.past:
-                words.append(instruments.spark(shown.past, FULL_FORCE, SPARK), style)
+                words.append(instruments.bars(shown.past[-SPARK:], 0.0, FULL_FORCE).rjust(SPARK), style)
                 words.append(" ")
             words.append(total.text, style)
             words.append(f"{TIE}{total.unit}  ", muted)

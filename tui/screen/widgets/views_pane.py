@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
@@ -186,7 +188,7 @@ class ViewsPane(Part, Horizontal):
     @on(PointedPicture.Pointed)
     def _pointed(self, event: PointedPicture.Pointed) -> None:
         for other in self.query(PointedPicture):
-            if other is not event.picture:
+            if other is not event.where:
                 other.forget()
         self.app.foresight.forget()
         if self._rest is not None:
@@ -211,18 +213,18 @@ class ViewsPane(Part, Horizontal):
 
     @on(PointedPicture.Chosen)
     def _chosen(self, event: PointedPicture.Chosen) -> None:
-        if event.picture.point is None:
-            self.app.tell(event.picture.why_no_point, "warning")
+        picture = cast("PointedPicture", event.where)
+        if picture.point is None:
+            self.app.tell(picture.why_no_point, "warning")
         else:
-            self.app.ask_for("go", Place(self._robot(event.picture)))
+            self.app.ask_for("go", Place(self._robot(picture)))
 
     @on(PointedPicture.Turned)
     def _turned(self, event: PointedPicture.Turned) -> None:
-        store = self.app.store
-        names = sorted(n for n, one in store.descriptions.items() if frame_of(one) == event.picture.ground)
+        store, ground = self.app.store, cast("PointedPicture", event.where).ground
+        names = [name for name, robot in store.descriptions.items() if frame_of(robot) == ground]
         if names:
-            at = names.index(self.app.selection.name) if self.app.selection.name in names else -1
-            self.app.choose(names[(at + event.by) % len(names)])
+            self.app.turn(names, event.by)
             self._ask_robot()
 
     def _tick(self) -> None:

@@ -1,0 +1,63 @@
+"""What a plan and a picture share in which one points: the keys, and what they say of the cursor."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.binding import BindingType
+from textual.message import Message
+from textual.widget import Widget
+
+from robotree.tui.screen.bindings import bindings, refusal
+from robotree.tui.screen.part import Part
+
+
+class Pointing(Part, Widget, can_focus=True):
+    """A widget with a cursor."""
+
+    BINDINGS: ClassVar[list[BindingType]] = bindings("plan")
+
+    class Pointed(Message):
+        """The cursor was moved."""
+
+        def __init__(self, where: Pointing) -> None:
+            """Say in which widget."""
+            super().__init__()
+            self.where = where
+
+    class Chosen(Pointed):
+        """The point under the cursor was chosen."""
+
+    class Turned(Pointed):
+        """Another robot is wanted."""
+
+        def __init__(self, where: Pointing, by: int) -> None:
+            """Say how many further."""
+            super().__init__(where)
+            self.by = by
+
+    @property
+    def has_cursor(self) -> bool:
+        """Whether somebody has moved the cursor here."""
+        raise NotImplementedError
+
+    def action_cursor(self, across: int, down: int) -> None:
+        """Move the cursor by so many cells; the first time it comes to the middle."""
+        raise NotImplementedError
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Take no key of what is absent since one may only look."""
+        if refusal(self, self.app.keyboard, action, parameters):
+            return False
+        return super().check_action(action, parameters)
+
+    def action_choose(self) -> None:
+        """Choose the point under the cursor."""
+        if self.has_cursor:
+            self.post_message(self.Chosen(self))
+        else:
+            self.action_cursor(0, 0)
+
+    def action_robot(self, by: int) -> None:
+        """Select another robot that moves here."""
+        self.post_message(self.Turned(self, by))
