@@ -15,6 +15,8 @@ import pytest
 from PIL import Image, ImageDraw
 
 from robotree.tui import words
+from robotree.tui.session.playing import Player
+from robotree.tui.session.script import PlayedStep, Report, read
 from robotree.vr import CommandFailed, Range, Robot, Unit, VrError, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.host import Host
@@ -270,6 +272,13 @@ class Realm:
 
     async def create(self, file: str, name: str) -> None:
         await self.realm_client.create(str(EXAMPLES / file), name)
+
+
+async def play(realm: Realm, text: str) -> tuple[Report, list[PlayedStep]]:
+    """Play a session that lies beside the examples."""
+    told: list[PlayedStep] = []
+    script = read(text, str(EXAMPLES / "a.session"))
+    return await Player(realm.realm_client, script, told.append).play(), told
 
 
 @pytest.fixture

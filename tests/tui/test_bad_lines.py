@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robotree.tui import exit_codes
@@ -20,7 +20,7 @@ from robotree.vr.base.errors import VrError
 
 VERBS = [action.verb for action in manual.shell().actions if action.verb not in {"help", "quit"}]
 WORDS = [word for action in manual.shell().actions for word in action.usage.replace("[", " ").split()]
-SURFACES = [Surface(where, readonly) for where in Where for readonly in (False, True)]
+SURFACES = [manual.shell(), *(Surface(where, readonly) for where in Where for readonly in (False, True))]
 
 words = st.lists(
     st.one_of(
@@ -34,8 +34,8 @@ words = st.lists(
 )
 
 
-@pytest.mark.parametrize("surface", [*SURFACES, manual.shell()], ids=repr)
-@given(given_words=words)
+@settings(max_examples=400)
+@given(surface=st.sampled_from(SURFACES), given_words=words)
 def test_a_line_is_understood_or_refused_in_a_sentence(surface: Surface, given_words: list[str]) -> None:
     with contextlib.suppress(SupervisorError, VrError):
         line = surface.parse(given_words)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,7 +16,7 @@ from robotree.tui.exit_codes import INTERRUPTED, NOBODY, REFUSED, USAGE
 from robotree.tui.line import manual
 from robotree.tui.line.actions import ACTIONS
 from robotree.vr.network import realms
-from tests.command_line import ROBOTREE, robotree
+from tests.command_line import ROBOTREE
 
 pytestmark = pytest.mark.usefixtures("place")
 
@@ -29,52 +28,34 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "says"),
+    ("words", "code", "error", "says"),
     [
-        (["enslav", "a.b", "c"], USAGE, "did you mean enslave"),
-        (["create", "a.py"], USAGE, "'as' is missing; usage: create FILE as NAME [on HOST]"),
-        (["ls", "--colour"], USAGE, "unknown option --colour"),
-        (["alarms", "ack"], USAGE, "'ack' is more than it takes (did you mean alarm ack?)"),
-        (["help", "fly"], USAGE, "no verb 'fly'"),
-        (["run", "/nowhere.session"], REFUSED, "cannot read the session /nowhere.session"),
-        (["ls", "--realm", "../x"], REFUSED, "cannot be a name"),
-        (["supervise"], USAGE, "needs a terminal"),
+        ("enslav a.b c", USAGE, "UnknownVerb", "did you mean enslave"),
+        ("panel", USAGE, "NotHere", ""),
+        ("create a.py", USAGE, "BadLine", "'as' is missing; usage: create FILE as NAME [on HOST]"),
+        ("ls --colour", USAGE, "BadLine", "unknown option --colour"),
+        ("alarms ack", USAGE, "BadLine", "'ack' is more than it takes (did you mean alarm ack?)"),
+        ("wire", USAGE, "BadLine", ""),
+        ("help fly", USAGE, "UnknownVerb", "no verb 'fly'"),
+        ("run /nowhere.session", REFUSED, "SessionError", "cannot read the session /nowhere.session"),
+        ("ls --realm ../x", REFUSED, "BadName", "cannot be a name"),
+        ("call a.b --within soon", USAGE, "ValueRefused", ""),
+        ("wire decode /nowhere.tlog", REFUSED, "BadRecording", ""),
+        ("supervise", USAGE, "NeedsTerminal", "needs a terminal"),
+        ("ls", NOBODY, "NothingToAsk", ""),
     ],
 )
-def test_each_mistake_gets_one_sentence_and_an_exit_code(
-    words: list[str], code: int, says: str, capsys: pytest.CaptureFixture[str]
+def test_each_mistake_is_one_sentence_or_one_json_value_with_an_exit_code(
+    words: str, code: int, error: str, says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(words) == code
+    assert main(words.split()) == code
     said = capsys.readouterr()
-    assert says in said.err
     assert said.err.startswith("robotree: ")
+    assert says in said.err
     assert said.err.count("\n") == 1
     assert said.out == ""
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "error"),
-    [
-        (["fly"], USAGE, "UnknownVerb"),
-        (["panel"], USAGE, "NotHere"),
-        (["wire"], USAGE, "BadLine"),
-        (["ls", "--colour"], USAGE, "BadLine"),
-        (["delete", "a/b"], REFUSED, "BadName"),
-        (["call", "a.b", "--within", "soon"], USAGE, "ValueRefused"),
-        (["run", "/nowhere.session"], REFUSED, "SessionError"),
-        (["wire", "decode", "/nowhere.tlog"], REFUSED, "BadRecording"),
-        (["supervise"], USAGE, "NeedsTerminal"),
-        (["ls"], NOBODY, "NothingToAsk"),
-        (["help", "fly"], USAGE, "UnknownVerb"),
-    ],
-)
-def test_every_mistake_is_one_json_value_with_the_same_exit_code(
-    words: list[str], code: int, error: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(words) == code
-    sentence = capsys.readouterr().err.removeprefix("robotree: ").strip()
-    assert main([*words, "--json"]) == code
-    said = capsys.readouterr()
+    assert main([*words.split(), "--json"]) == code
+    sentence, said = said.err.removeprefix("robotree: ").strip(), capsys.readouterr()
     assert json.loads(said.out) == {"error": error, "message": sentence}
     assert json.loads(said.err) == json.loads(said.out)
 
@@ -162,74 +143,23 @@ def test_what_the_screen_asks_back_about_is_absent_for_who_may_only_look() -> No
     assert [action.verb for action in ACTIONS if action.danger and not action.alters] == []
 
 
-def test_a_script_with_a_wrong_line_is_not_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "a.session").write_text("stop\nenslav a b\n")
-    assert main(["run", str(tmp_path / "a.session")]) == USAGE
-    assert "a.session, line 2" in capsys.readouterr().err
-
-
-class Processes:
-    """Agents of one realm, each a process, ended by their tethers."""
-
-    def __init__(self) -> None:
-        self.running: list[subprocess.Popen[str]] = []
-
-    def start(self, *words: str) -> str:
-        """Start an agent and return its address."""
-        process = subprocess.Popen(
-            [*ROBOTREE, *words, "--tether"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        self.running.append(process)
-        assert process.stdout
-        word, _, address = process.stdout.readline().strip().partition(" ")
-        assert word == "ready", f"robotree {words} did not come up"
-        return address
-
-    def end(self) -> list[int]:
-        """Cut all tethers and return the exit codes."""
-        for process in self.running:
-            assert process.stdin
-            process.stdin.close()
-        return [process.wait(10) for process in self.running]
-
-
-@pytest.fixture
-def processes() -> Iterator[Processes]:
-    found = Processes()
-    yield found
-    codes = found.end()
-    for process in found.running:
-        assert process.stdout
-        process.stdout.close()
-    assert codes == [0] * len(codes)
-
-
 @pytest.mark.e2e
-def test_interrupting_a_verb_is_clean(processes: Processes) -> None:
-    processes.start("host", "host-1")
-    source = Path(__file__).parents[2] / "examples" / "two_arms.py"
-    assert robotree("create", str(source), "as", "pair").returncode == 0
-    watching = subprocess.Popen(
-        [*ROBOTREE, "watch"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert watching.stdout
-    assert watching.stdout.readline().startswith("pair ")
-    watching.send_signal(signal.SIGINT)
-    _, err = watching.communicate(timeout=60)
-    assert watching.returncode == INTERRUPTED
-    assert err == "robotree: interrupted\n"
-
-
-@pytest.mark.e2e
-def test_an_agent_ends_politely_on_a_signal() -> None:
-    agent = subprocess.Popen(
-        [*ROBOTREE, "lookup", "lookup-1"], stdout=subprocess.PIPE, env=os.environ, text=True
-    )
-    assert agent.stdout
-    assert agent.stdout.readline().startswith("ready lookup/lookup-1/")
-    agent.send_signal(signal.SIGTERM)
-    assert agent.wait(10) == 0
-    agent.stdout.close()
+def test_interrupting_a_verb_is_clean_and_an_agent_ends_politely_on_a_signal() -> None:
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([*ROBOTREE, "host", "host-1"], **pipes) as host:
+        assert host.stdout
+        assert host.stdout.readline().startswith("ready host/host-1/")
+        source = Path(__file__).parents[2] / "examples" / "two_arms.py"
+        assert main(["create", str(source), "as", "pair"]) == 0
+        with subprocess.Popen([*ROBOTREE, "watch"], **pipes) as watching:
+            assert watching.stdout
+            assert watching.stdout.readline().startswith("pair ")
+            watching.send_signal(signal.SIGINT)
+            assert watching.communicate(timeout=60)[1] == "robotree: interrupted\n"
+        assert watching.returncode == INTERRUPTED
+        host.send_signal(signal.SIGTERM)
+        host.communicate(timeout=60)
+    assert host.returncode == 0
 
 
 def test_the_state_folder_is_ours_alone_also_one_that_an_earlier_version_made(

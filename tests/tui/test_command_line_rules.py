@@ -151,30 +151,11 @@ async def test_a_value_that_is_given_twice_is_refused_and_nothing_moves(realm: R
     assert realm.arm.calls == []
 
 
-PRINTERS = [
-    ["--help"],
-    ["help", "call"],
-    ["help", "wire"],
-    ["--version"],
-    ["wire", "dissector"],
-    ["wire", "dialect", "--lang", "xml", "OUT"],
-]
-
-
-@pytest.mark.parametrize("words", PRINTERS, ids=" ".join)
-def test_a_reader_who_has_left_ends_a_verb_in_silence(words: list[str], tmp_path: Path) -> None:
-    assert _unread([str(tmp_path / "a") if word == "OUT" else word for word in words]) == (
-        exit_codes.DONE,
-        "",
-    )
-
-
-def _unread(words: list[str]) -> tuple[int, str]:
-    """Run a verb whose standard output nobody reads."""
+@pytest.mark.parametrize("words", ["--help", "wire dissector"])
+def test_a_reader_who_has_left_ends_a_verb_in_silence(words: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "w") as out:
-        done = subprocess.run(
-            [*ROBOTREE, *words], stdout=out, stderr=subprocess.PIPE, text=True, timeout=60, check=False
-        )
-    return done.returncode, done.stderr
+        command = [*ROBOTREE, *words.split()]
+        done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (exit_codes.DONE, "")

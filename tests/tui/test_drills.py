@@ -14,12 +14,12 @@ import pytest
 from robotree.tui.processes.thaw import freeze
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.session.faults import drill_of, end_all
-from robotree.tui.session.playing import Player
-from robotree.tui.session.script import PlayedStep, read
+from robotree.tui.session.script import PlayedStep
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.requests import State
 from tests.screen import text_of
+from tests.tui.conftest import play
 from tests.waiting import until
 
 if TYPE_CHECKING:
@@ -34,16 +34,14 @@ class Linked:
         realm.arm.disturb = lambda *, cut, delay: self.done.append((cut, delay))  # type: ignore[attr-defined]
 
 
-async def play(realm: Realm, text: str) -> list[PlayedStep]:
-    told: list[PlayedStep] = []
+async def drilled(realm: Realm, text: str) -> list[PlayedStep]:
     with sitting_at("pts/3"):
-        await Player(realm.realm_client, read(text, "a.session"), told.append).play()
-    return told
+        return (await play(realm, text))[1]
 
 
 async def test_a_cut_begins_and_ends_with_the_line(realm: Realm) -> None:
     link = Linked(realm)
-    told = await play(realm, "fault cut arm-1 --for 1min\nshow arm-1\nfault end\nshow arm-1\n")
+    told = await drilled(realm, "fault cut arm-1 --for 1min\nshow arm-1\nfault end\nshow arm-1\n")
     assert [each.held for each in told] == [True] * 4, [each.seen for each in told]
     assert "@pts/3" in told[1].seen
     assert "cut, by " in told[1].seen
@@ -54,7 +52,7 @@ async def test_a_cut_begins_and_ends_with_the_line(realm: Realm) -> None:
 
 async def test_a_fault_ends_with_its_trial(realm: Realm) -> None:
     link = Linked(realm)
-    told = await play(realm, "fault delay arm-1 100ms\n")
+    told = await drilled(realm, "fault delay arm-1 100ms\n")
     assert told[0].held, told[0].seen
     assert link.done == [(False, 0.1), (False, 0.0)]
 
@@ -71,7 +69,7 @@ async def test_a_fault_ends_with_its_time(realm: Realm) -> None:
 
 async def test_the_next_fault_takes_the_place_of_the_one_before(realm: Realm) -> None:
     link = Linked(realm)
-    await play(realm, "fault cut arm-1\nfault delay arm-1 200ms\n")
+    await drilled(realm, "fault cut arm-1\nfault delay arm-1 200ms\n")
     assert link.done == [(True, 0.0), (False, 0.0), (False, 0.2), (False, 0.0)]
 
 

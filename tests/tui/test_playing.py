@@ -9,20 +9,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.tui.errors import SessionError
-from robotree.tui.session.playing import Player, placed, read_file
-from robotree.tui.session.script import PlayedStep, Report, read
+from robotree.tui.session.playing import placed, read_file
+from tests.tui.conftest import EXAMPLES, play
 
 if TYPE_CHECKING:
     from conftest import Realm
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 BESIDE = str(EXAMPLES / "a.session")
-
-
-async def play(realm: Realm, text: str) -> tuple[Report, list[PlayedStep]]:
-    told: list[PlayedStep] = []
-    report = await Player(realm.realm_client, read(text, BESIDE), told.append).play()
-    return report, told
 
 
 async def test_a_session_builds_a_tree_commands_it_and_expects_what_comes_of_it(realm: Realm) -> None:

@@ -12,15 +12,12 @@ import pytest
 from robotree.tui.cli import main
 from robotree.tui.errors import BadScript, ValueRefused
 from robotree.tui.session import faults, junit
-from robotree.tui.session.playing import Player
-from robotree.tui.session.script import Do, Later, PlayedStep, Report, Sleep, read
+from robotree.tui.session.script import Do, Later, Report, Sleep, read
 from robotree.tui.session.suite import Collected, Tried, collected, selection
+from tests.tui.conftest import EXAMPLES, play
 
 if TYPE_CHECKING:
     from conftest import Realm
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-BESIDE = str(EXAMPLES / "a.session")
 
 
 def mistakes(text: str) -> dict[int, str]:
@@ -39,12 +36,6 @@ def texts(text: str) -> list[list[str]]:
         ]
         for trial in read(text, "a").trials
     ]
-
-
-async def play(realm: Realm, text: str) -> tuple[Report, list[PlayedStep]]:
-    told: list[PlayedStep] = []
-    report = await Player(realm.realm_client, read(text, BESIDE), told.append).play()
-    return report, told
 
 
 def test_each_row_of_a_table_is_a_run() -> None:

@@ -107,33 +107,29 @@ def refused(text: str, path: Path, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("condition", "says"), CONDITIONS.items())
-def test_a_condition_that_can_never_be_met_is_refused_with_its_line(
-    condition: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+WRONG = (
+    ("s.yaml:9:", HEAD.replace("ACTION", "wait: {name: comes, for: 5 s}"), "CONDITION", CONDITIONS),
+    ("s.yaml:11:", HEAD.replace("CONDITION", "start"), "ACTION", ACTIONS),
+    ("s.clp:4:", CLP, "ACTION", EXPERTS),
+    ("s.clp:3:", CLP.replace("ACTION", "(wait comes 5)"), "(msg (act start))", MEETS),
+)
+"""File and line of a mistake, the script, what of it is replaced, and by what, with what is said then."""
+
+
+@pytest.mark.parametrize(
+    ("place", "text", "says"),
+    [
+        (place, text.replace(blank, mistake), says)
+        for place, text, blank, mistakes in WRONG
+        for mistake, says in mistakes.items()
+    ],
+)
+def test_what_can_never_be_met_or_carried_out_is_refused_with_its_line(
+    place: str, text: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = HEAD.replace("CONDITION", condition).replace("ACTION", "wait: {name: comes, for: 5 s}")
-    error = refused(text, tmp_path / "s.yaml", capsys)
+    error = refused(text, tmp_path / place.partition(":")[0], capsys)
     assert says in error
-    assert "s.yaml:9:" in error
-
-
-@pytest.mark.parametrize(("action", "says"), ACTIONS.items())
-def test_an_action_that_no_partner_can_carry_out_is_refused_with_its_line(
-    action: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = HEAD.replace("CONDITION", "start").replace("ACTION", action)
-    error = refused(text, tmp_path / "s.yaml", capsys)
-    assert says in error
-    assert "s.yaml:11:" in error
-
-
-@pytest.mark.parametrize(("action", "says"), EXPERTS.items())
-def test_rules_of_clips_are_refused_for_the_same_mistakes(
-    action: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    error = refused(CLP.replace("ACTION", action), tmp_path / "s.clp", capsys)
-    assert says in error
-    assert "s.clp:4:" in error
+    assert place in error
 
 
 @pytest.mark.parametrize(
@@ -164,16 +160,6 @@ def test_a_kind_that_a_page_may_bring_is_let_through_with_the_nearest_name(
     said = capsys.readouterr().out
     assert advice in said
     assert ("do you mean" in said) == bool(advice)
-
-
-@pytest.mark.parametrize(("condition", "says"), MEETS.items())
-def test_conditions_of_clips_are_refused_for_the_same_mistakes(
-    condition: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = CLP.replace("(msg (act start))", condition).replace("ACTION", "(wait comes 5)")
-    error = refused(text, tmp_path / "s.clp", capsys)
-    assert says in error
-    assert "s.clp:3:" in error
 
 
 def table(folder: Path, when: str, then: str) -> str:

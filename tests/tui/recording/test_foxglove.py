@@ -24,10 +24,9 @@ from robotree.tui.recording import foxglove_protocol as protocol
 from robotree.tui.recording import foxglove_server
 from robotree.tui.recording.foxglove_protocol import BadMessage, ServiceCall
 from robotree.tui.recording.foxglove_server import FoxgloveServer, listening
-from robotree.tui.session.playing import Player
-from robotree.tui.session.script import read
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription
+from tests.tui.conftest import play
 from tests.tui.recording.foxglove_client import connected
 from tests.waiting import until
 
@@ -84,9 +83,8 @@ async def test_a_command_is_a_service_with_its_schema_and_its_limits(realm: Real
 
 
 async def test_a_robot_that_has_a_parent_obeys_no_service(realm: Realm) -> None:
-    beside = str(Path(__file__).parents[3] / "examples" / "a.session")
-    script = read("create move_to.py as mover\nenslave mover.arm arm-1\n", beside)
-    assert (await Player(realm.realm_client, script, lambda _: None).play()).ok
+    report, _ = await play(realm, "create move_to.py as mover\nenslave mover.arm arm-1\n")
+    assert report.ok
     async with serving(realm) as address, connected(address) as client:
         await until(lambda: "/robots/mover/move" in client.services, "its services are there")
         await client.call("/robots/arm-1/hold", 1)

@@ -9,6 +9,7 @@ import socket
 import struct
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 from fastcrc.crc16 import mcrf4xx
@@ -36,8 +37,8 @@ def dialect(folder: Path, messages: str, head: str = OURS) -> Path:
     return path
 
 
-def say(*words: str | Path, **options: object) -> subprocess.CompletedProcess[bytes]:
-    """Like a person, in a process of its own: what a dialect adds stays in it."""
+def elsewhere(*words: str | Path, **options: object) -> subprocess.CompletedProcess[bytes]:
+    """Say it in a process of its own, where what a dialect adds stays."""
     return subprocess.run([*ROBOTREE, *map(str, words)], capture_output=True, check=False, **options)  # type: ignore[call-overload,no-any-return]  # passed on
 
 
@@ -56,27 +57,31 @@ def stream(mine: Path) -> bytes:
     return ours + body + checksum.to_bytes(2, "little")
 
 
-def test_messages_of_ones_own_dialect_are_decoded_beside_ours(mine: Path, stream: bytes) -> None:
-    plain, said = (
-        say("wire", "decode", "-", "--json", *more, input=stream) for more in ((), ("--xml", mine))
-    )
+def test_messages_of_ones_own_dialect_are_decoded_beside_ours(
+    say: Any, tmp_path: Path, mine: Path, stream: bytes
+) -> None:
+    (tmp_path / "both.raw").write_bytes(stream)
+    plain = say("wire", "decode", tmp_path / "both.raw", "--json")
+    said = elsewhere("wire", "decode", "-", "--json", "--xml", mine, input=stream)
     *frames, last = map(json.loads, said.stdout.splitlines())
     assert [(frame["name"], frame["fields"]) for frame in frames][1:] == [
         ("PROBE", {"depth": 1500, "tag": "deep"})
     ]
     assert (last["statistics"]["frames"], last["statistics"]["unknown"]) == (2, 0)
-    assert json.loads(plain.stdout.splitlines()[-1])["statistics"]["unknown"] == 1
+    assert plain.objects[-1]["statistics"]["unknown"] == 1
 
 
-def test_a_recording_of_unknown_messages_alone_is_answered_with_their_ids(stream: bytes) -> None:
-    probe = stream[stream.index(b"\xfd", 1) :]
-    said = say("wire", "decode", "-", input=probe * 3)
-    assert said.returncode == exit_codes.REFUSED
-    assert said.stderr.decode() == (
-        "robotree: standard input: there is no frame in it that we know; "
+def test_a_recording_of_unknown_messages_alone_is_answered_with_their_ids(
+    say: Any, tmp_path: Path, stream: bytes
+) -> None:
+    (tmp_path / "a.raw").write_bytes(stream[stream.index(b"\xfd", 1) :] * 3)
+    said = say("wire", "decode", tmp_path / "a.raw")
+    assert said.code == exit_codes.REFUSED
+    assert said.err == (
+        f"robotree: {tmp_path}/a.raw: there is no frame in it that we know; "
         "what it has is of unknown ids (57901); name the dialect that has them with --xml\n"
     )
-    assert "unknown id 3 (57901), " in said.stdout.decode()
+    assert "unknown id 3 (57901), " in said.out
 
 
 def test_messages_of_ones_own_dialect_are_recorded_as_topics(
@@ -104,19 +109,32 @@ def test_messages_of_ones_own_dialect_are_recorded_as_topics(
 
 
 @pytest.mark.parametrize("head", [OURS, COMMON, ALONE])
-def test_ones_own_dialect_is_generated_whatever_it_includes(tmp_path: Path, head: str) -> None:
+def test_ones_own_dialect_is_generated_whatever_it_includes(say: Any, tmp_path: Path, head: str) -> None:
     mine = dialect(tmp_path, PROBE.format(57901, "PROBE", FIELDS), head)
     said = say("wire", "dialect", "--lang", "c", tmp_path / "c", "--xml", mine, "--json")
-    written = {Path(name).name for name in json.loads(said.stdout)["files"]}
+    written = {Path(name).name for name in said.objects[0]["files"]}
     assert "mavlink_msg_probe.h" in written
     assert ("mavlink_msg_robotree_gripper.h" in written) == ("robotree" in head)
 
 
-def test_wireshark_is_told_of_ones_own_messages(tmp_path: Path, mine: Path) -> None:
-    lua = tmp_path / "mine.lua"
-    assert say("wire", "dissector", lua, "--xml", mine).returncode == exit_codes.DONE
-    assert "ROBOTREE_JOINTS" in lua.read_text()
-    assert "PROBE" in lua.read_text()
+def test_wireshark_is_told_of_ones_own_messages_whatever_lies_beside_them(
+    say: Any, tmp_path: Path, mine: Path
+) -> None:
+    os.mkfifo(tmp_path / "fifo.xml")
+    (tmp_path / "zero.xml").symlink_to("/dev/zero")
+    (tmp_path / "gone.xml").symlink_to("nowhere")
+    assert say("wire", "dissector", tmp_path / "mine.lua", "--xml", mine).code == exit_codes.DONE
+    lua = (tmp_path / "mine.lua").read_text()
+    assert "ROBOTREE_JOINTS" in lua
+    assert "PROBE" in lua
+    for name, reason in (
+        ("fifo.xml", "it cannot be read: it is a FIFO"),
+        ("zero.xml", "it cannot be read: it is a device"),
+        ("none.xml", "there is no such file"),
+    ):
+        said = say("wire", "dissector", "--xml", tmp_path / name)
+        assert said.code == exit_codes.REFUSED
+        assert f"{name} does not compile; correct the XML: {reason}" in said.err
 
 
 WRONG = {
@@ -132,52 +150,31 @@ WRONG = {
 @pytest.mark.parametrize("verb", [("dialect", "--lang", "c", "out"), ("dissector",), ("decode", "-")])
 @pytest.mark.parametrize("wrong", WRONG)
 def test_what_is_wrong_with_it_is_said_in_one_sentence(
-    tmp_path: Path, verb: tuple[str, ...], wrong: str
+    say: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: tuple[str, ...], wrong: str
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     messages, told = WRONG[wrong]
-    said = say("wire", *verb, "--xml", dialect(tmp_path, messages), cwd=tmp_path, input=b"")
-    (sentence,) = said.stderr.decode().splitlines()
+    said = say("wire", *verb, "--xml", dialect(tmp_path, messages))
+    (sentence,) = said.err.splitlines()
     assert told in sentence
     assert "mine.xml does not compile; correct the XML: " in sentence
-    assert said.returncode == exit_codes.REFUSED
+    assert said.code == exit_codes.REFUSED
     assert not (tmp_path / "out").exists()
 
 
-def test_a_message_that_is_ours_and_another_one_at_once_is_refused(tmp_path: Path) -> None:
+def test_a_message_that_is_ours_and_another_one_at_once_is_refused(say: Any, tmp_path: Path) -> None:
     """It stands alone, so its own file is right."""
     mine = dialect(tmp_path, PROBE.format(0, "PROBE", FIELDS), ALONE)
-    said = say("wire", "decode", "-", "--xml", mine, input=b"")
-    assert "PROBE with id 0 is not the HEARTBEAT with id 0 that robotree knows" in said.stderr.decode()
-    assert said.returncode == exit_codes.REFUSED
+    said = say("wire", "decode", "-", "--xml", mine)
+    assert "PROBE with id 0 is not the HEARTBEAT with id 0 that robotree knows" in said.err
+    assert said.code == exit_codes.REFUSED
 
 
-def test_a_dialect_that_is_not_there_is_named(tmp_path: Path) -> None:
-    said = say("wire", "dissector", "--xml", tmp_path / "mine.xml")
-    assert "mine.xml does not compile; correct the XML: there is no such file" in said.stderr.decode()
-
-
-def test_an_xml_that_never_ends_is_refused_and_what_lies_beside_one_is_left_alone(tmp_path: Path) -> None:
-    mine = dialect(tmp_path, PROBE.format(57700, "PROBE", FIELDS), ALONE)
-    os.mkfifo(tmp_path / "fifo.xml")
-    (tmp_path / "zero.xml").symlink_to("/dev/zero")
-    (tmp_path / "gone.xml").symlink_to("nowhere")
-    assert (
-        "no frame in it that we know" in say("wire", "decode", "-", "--xml", mine, input=b"").stderr.decode()
-    )
-    for name, reason in (("fifo.xml", "it is a FIFO"), ("zero.xml", "it is a device")):
-        said = say("wire", "decode", "-", "--xml", tmp_path / name, input=b"")
-        assert said.returncode == exit_codes.REFUSED
-        assert (
-            f"{name} does not compile; correct the XML: it cannot be read: {reason}" in said.stderr.decode()
-        )
-
-
-def test_a_dialect_is_not_written_through_a_link_of_somebody_else(tmp_path: Path) -> None:
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a link away")
+def test_a_dialect_is_not_written_through_a_link_of_somebody_else(say: Any, tmp_path: Path) -> None:
     (tmp_path / "precious").symlink_to(tmp_path / "nowhere")
-    if os.geteuid() != 0:
-        pytest.skip("only root can give a link away")
     os.lchown(tmp_path / "precious", 65534, 65534)
     said = say("wire", "dialect", "--lang", "python", tmp_path / "precious")
-    assert said.returncode == exit_codes.REFUSED
-    assert "it is a link that user 65534 made" in said.stderr.decode()
+    assert said.code == exit_codes.REFUSED
+    assert "it is a link that user 65534 made" in said.err
     assert not (tmp_path / "nowhere").exists()

@@ -41,10 +41,6 @@ def test_a_verb_to_which_nobody_answers_ends_as_the_guide_says(say: Any, verb: s
         closed.bind(("127.0.0.1", 0))
         address = f"tcp:127.0.0.1:{closed.getsockname()[1]}"
         assert say("wire", verb, "--connect", address).code == exit_codes.NOBODY
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        address = f"tcp:127.0.0.1:{taken.getsockname()[1]}"
-        words = ("sim", "arm", "--listen", address)
-        assert say(*words).code == exit_codes.REFUSED, "what cannot start has not asked anybody"
 
 
 def test_conform_at_a_port_where_nobody_speaks_says_so(say: Any) -> None:
@@ -282,19 +278,24 @@ def test_a_bad_link_is_seen_by_the_monitor(say: Any, arm: str) -> None:
     assert process.returncode == exit_codes.DONE
 
 
-def test_who_is_a_bad_link_says_what_is_in_force_with_its_units() -> None:
+def test_who_is_a_bad_link_says_what_is_in_force_and_fails_where_no_robot_is(
+    say: Any, tmp_path: Path
+) -> None:
     words = [*ROBOTREE, "wire", "inject", "--listen", "tcp:127.0.0.1:0", "--connect", "tcp:127.0.0.1:1"]
     pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     with subprocess.Popen([*words, "--delay", "20"], text=True, **pipes) as process:
         assert process.stdout is not None
         assert process.stdin is not None
         assert process.stderr is not None
-        process.stdout.readline()
+        address = process.stdout.readline().split()[1]
         process.stdin.write("cut 10min\ndelay 15ms\nheal\n")
         process.stdin.flush()
         began, cut, changed, healed = (process.stderr.readline() for _ in range(4))
+        say("wire", "record", "--connect", address, tmp_path / "a.tlog", "--for", "5s")
+        assert process.stderr.readline() == "robotree: tcp:127.0.0.1:1 cannot be opened: Connection refused\n"
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=60)
+    assert process.returncode == exit_codes.REFUSED
     assert began == "loss 0%, delay 20 s, jitter 0 ms, duplication 0%\n"
     assert cut.startswith(began.rstrip() + "; cut, 600 s left")
     assert changed.startswith("loss 0%, delay 15 ms, jitter 0 ms, duplication 0%; cut, ")
@@ -311,13 +312,6 @@ def test_the_dissector_is_written_once(say: Any, tmp_path: Path) -> None:
 def test_the_dialect_is_written_in_c(say: Any, tmp_path: Path) -> None:
     said = say("wire", "dialect", "--lang", "c", tmp_path / "c", "--json")
     assert any(name.endswith("mavlink_msg_robotree_gripper.h") for name in said.objects[0]["files"])
-
-
-def test_no_other_verb_waits_for_the_wire() -> None:
-    heavy = "robotree.protocol", "robotree.tui.wire", "mcap"
-    code = f"import sys, robotree.tui.cli; print([m for m in sys.modules if m.startswith({heavy})])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_ctrl_c_ends_a_recording_in_order(arm: str, tmp_path: Path) -> None:
@@ -372,26 +366,12 @@ def test_a_recording_of_nothing_leaves_no_file_in_the_way_of_the_next(say: Any, 
     assert not path.exists()
 
 
-def test_who_stands_before_a_robot_that_is_not_there_says_so_and_fails(say: Any, tmp_path: Path) -> None:
-    words = [*ROBOTREE, "wire", "inject", "--listen", "tcp:127.0.0.1:0", "--connect", "tcp:127.0.0.1:1"]
-    with subprocess.Popen(
-        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        address = process.stdout.readline().split()[1]
-        process.stderr.readline()  # what it does to the link
-        say("wire", "record", "--connect", address, tmp_path / "a.tlog", "--for", "5s")
-        assert process.stderr.readline() == "robotree: tcp:127.0.0.1:1 cannot be opened: Connection refused\n"
-        process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=60)
-    assert process.returncode == exit_codes.REFUSED
-
-
 def test_a_taken_address_is_answered_with_what_can_be_done_about_it(
     say: Any, arm: str, tmp_path: Path
 ) -> None:
-    assert "choose another port (0: any free one)" in say("sim", "arm", "--listen", arm).err
+    taken = say("sim", "arm", "--listen", arm)
+    assert "choose another port (0: any free one)" in taken.err
+    assert taken.code == exit_codes.REFUSED, "what cannot start has not asked anybody"
     missing = say("sim", "arm", "--listen", f"serial:{tmp_path}/ttyX").err
     assert "name the device of a port that is there" in missing
     assert "port (0" not in missing
