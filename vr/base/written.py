@@ -69,6 +69,24 @@ class Entries(msgspec.Struct, frozen=True):
         """Return the value of a key, or None."""
         return next((value for key, value in self.entries if key.text == name), None)
 
+    def text(self, name: str) -> str:
+        """Return the single value of a key; empty: it is not there."""
+        return word(self.get(name) or Word("", self.mark), name, self.mark).text
+
+    def texts(self, name: str, what: str) -> tuple[str, ...]:
+        """Return the single values of a key's list, each of which is called `what` in errors."""
+        return tuple(word(one, what, self.mark).text for one in items(self.get(name), self.mark).items)
+
+    def named_texts(self, name: str, what: str) -> dict[str, str]:
+        """Return the single values of a key's mapping, as they were written; `what` as in `texts`."""
+        found = entries(self.get(name), name, self.mark)
+        return {key.text: word(given, what, key.mark).text for key, given in found}
+
+    def named_values(self, name: str, what: str) -> dict[str, Scalar]:
+        """Return the single values of a key's mapping, as they are meant; `what` as in `texts`."""
+        found = entries(self.get(name), name, self.mark)
+        return {key.text: value_of(word(given, what, key.mark)) for key, given in found}
+
     def expect(self, known: Sequence[str], what: str) -> None:
         """Refuse keys that `what` does not have."""
         for key, _ in self.entries:

@@ -8,7 +8,7 @@ from robotree.vr.scripts.engine import Engine, Firing
 from robotree.vr.scripts.expression import Form, read, value
 from robotree.vr.scripts.happening import nearest, order_line, spell
 from robotree.vr.scripts.program import MESSAGE, PARAMETER, Condition, Program, Rule
-from robotree.vr.scripts.when_then import EVENTS
+from robotree.vr.scripts.when_then import EVENTS, values_of
 
 MOST = 40
 """Lines of facts that are shown; the newest."""
@@ -179,9 +179,8 @@ def _happening(slots: FactSlots, program: Program) -> tuple[str, FactSlots]:
         told = {name: [one] for (name, _), one in zip(heard.parts, args, strict=False)} | {"from": sender}
     elif kind in EVENTS:
         given = [act, *args] if kind == "failed" else args
-        names = [name for name in EVENTS[kind] if name not in {"partner", "conversation"}]
         told = {"partner": sender} if "partner" in EVENTS[kind] else {}
-        told |= {name: [one] for name, one in zip(names, given, strict=False)}
+        told |= {name: [one] for name, one in zip(values_of(kind), given, strict=False)}
     else:
         kind = "message"
         told = {"from": sender, "performative": slots["perf"], "act": [act], "arguments": args}

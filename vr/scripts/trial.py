@@ -117,18 +117,11 @@ def _trial(given: Written) -> Trial:
     test = entries(given, "a test", given.mark)
     test.expect(("test", "parameters", "missing", "roles", "steps"), "a test")
     mark = test.mark
-    parameters = {
-        key.text: value_of(word(value, "a value", key.mark))
-        for key, value in entries(test.get("parameters"), "parameters", mark)
-    }
     return Trial(
         name=word(test.get("test"), "`test: NAME`", mark).text,
-        parameters=parameters,
-        missing=tuple(word(one, "a partner", mark).text for one in items(test.get("missing"), mark).items),
-        roles={
-            key.text: word(value, "a role", key.mark).text
-            for key, value in entries(test.get("roles"), "roles", mark)
-        },
+        parameters=test.named_values("parameters", "a value"),
+        missing=test.texts("missing", "a partner"),
+        roles=test.named_texts("roles", "a role"),
         steps=tuple(_step(one) for one in items(test.get("steps"), mark).items),
         mark=mark,
     )
@@ -139,11 +132,7 @@ def _step(given: Written) -> Step:
     step.expect(("when", "then", "facts"), "a step")
     then = step.get("then")
     nothing = isinstance(then, Word) and then.text == "nothing"
-    lines = (
-        ()
-        if nothing
-        else tuple(word(one, "an order", given.mark).text for one in items(then, given.mark).items)
-    )
+    lines = () if nothing else step.texts("then", "an order")
     return Step(
         when=word(step.get("when"), "`when: …`", given.mark).text,
         then=None if then is None else lines,

@@ -79,6 +79,13 @@ EVENTS = {
     "message": ("from", "performative", "act", "arguments", "conversation", "reply by"),
 }
 """The events, and the conditions on each."""
+
+
+def values_of(event: str) -> tuple[str, ...]:
+    """Return the conditions on the values of an event, in the order of its values."""
+    return tuple(name for name in EVENTS[event] if name not in {"partner", "conversation"})
+
+
 COMPARISONS = {"above": ">", "below": "<", "at least": ">=", "at most": "<="}
 ACTIONS = (
     "do",
@@ -138,11 +145,11 @@ def _head(program: Program, root: Entries) -> Program:
             raise mark.error(f"{hear.name!r} cannot be the name of a message: it happens to every script")
     start = entries(root.get("start"), "start", mark)
     start.expect(("by", "itself"), "start")
-    by = tuple(word(one, "a name", mark).text for one in items(start.get("by"), mark).items)
+    by = start.texts("by", "a name")
     itself = value_of(word(start.get("itself") or Word("no", mark), "itself", mark))
     return msgspec.structs.replace(
         program,
-        doc=word(root.get("doc") or Word("", mark), "doc", mark).text,
+        doc=root.text("doc"),
         partners=tuple(partners),
         parameters=tuple(parameters),
         hears=tuple(hears),
@@ -164,21 +171,14 @@ def _partner(key: Word, given: Written) -> Partner:
         word(facets.get(facet) or Word("", key.mark), facet, key.mark) for facet in ("choose", "where")
     )
     group, count = facets.get("group"), facets.get("count")
+    takes = entries(facets.get("takes"), "takes", key.mark)
     check_choice(Word("free", choose.mark) if group is not None and not choose.text else choose, where)
     partner = Partner(
         name=check_identifier(key.text, key.mark, "a partner"),
         kind=word(facets.get("kind"), "the kind of the partner", key.mark).text,
-        needs=tuple(
-            word(one, "a command", key.mark).text for one in items(facets.get("needs"), key.mark).items
-        ),
-        attributes={
-            name.text: word(one, "an attribute", key.mark).text
-            for name, one in entries(facets.get("attributes"), "attributes", key.mark)
-        },
-        takes={
-            name.text: tuple(word(one, "a value", key.mark).text for one in items(given, key.mark).items)
-            for name, given in entries(facets.get("takes"), "takes", key.mark)
-        },
+        needs=facets.texts("needs", "a command"),
+        attributes=facets.named_texts("attributes", "an attribute"),
+        takes={name.text: takes.texts(name.text, "a value") for name, _ in takes},
         optional=_yes_no(facets, "optional", key.mark),
         returns=0.0 if returns is None else _return(word(returns, "the time", key.mark)),
         choose=choose.text,
@@ -187,7 +187,7 @@ def _partner(key: Word, given: Written) -> Partner:
         watched=_yes_no(
             facets, "watch", key.mark, "; of who is watched a script has the readings, and no streams"
         ),
-        doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text,
+        doc=facets.text("doc"),
     )
     check_watched(partner, key.mark)
     return partner if group is None else of_group(partner, word(group, "the group", key.mark))
@@ -215,9 +215,7 @@ def _parameter(key: Word, given: Written) -> Parameter:
     facets = entries(given, "a parameter", key.mark)
     facets.expect(("default", "doc"), "a parameter")
     default = value_of(word(facets.get("default"), "the default", key.mark))
-    return Parameter(
-        name=name, default=default, doc=word(facets.get("doc") or Word("", key.mark), "doc", key.mark).text
-    )
+    return Parameter(name=name, default=default, doc=facets.text("doc"))
 
 
 def _hears(key: Word, given: Written) -> Hears:
@@ -494,34 +492,26 @@ class _Rule:
         if name.text == "answered" and "answer" in said:
             said["answer"] = _as_said(said["answer"])
 
+        def wish(condition: str) -> list[Node]:
+            return self._wish(said[condition]) if condition in said else [Atom("variable", "?")]
+
         def args(*names: str) -> Form:
-            nodes = [
-                node
-                for one in names
-                for node in (self._wish(said[one]) if one in said else [Atom("variable", "?")])
-            ]
+            nodes = [node for condition in names for node in wish(condition)]
             while nodes and isinstance(last := nodes[-1], Atom) and last.text == "?":
                 nodes.pop()
             return form("args", *nodes, Atom("variable", "$?"))
 
-        inform, failure = form("perf", plain("inform")), form("perf", plain("failure"))
-        act = self._wish(said["act"]) if "act" in said else [Atom("variable", "?")]
-        fields = (("performative", "perf"), ("act", "act"), ("arguments", "args"))
-        slots: dict[str, list[Form]] = {
-            "done": [inform, form("act", plain("done")), args("act", "result")],
-            "failed": [failure, form("act", *act), args("reason")],
-            "answer": [form("act", plain("answer")), args("act", "robot", "ok", "result")],
-            "answered": [form("act", plain("answered")), args("answer", "by")],
-            "progress": [form("act", plain("progress")), args("act", "fraction", "text")],
-            "lost": [form("act", plain("lost")), args("robot", "reason")],
-            "found": [form("act", plain("found")), args("robot")],
-            "stopped": [form("act", plain("stopped")), args("robot", "reason")],
-            "released": [form("act", plain("released")), args("robot")],
-            "timer": [form("act", plain("timer")), args("name")],
-            "message": [form(slot, *self._wish(said[key])) for key, slot in fields if key in said],
-            "start": [form("act", plain("start"))],
-        }
-        return self._message(name.mark, said, *slots[name.text])
+        match name.text:
+            case "message":
+                fields = (("performative", "perf"), ("act", "act"), ("arguments", "args"))
+                slots = [form(slot, *self._wish(said[key])) for key, slot in fields if key in said]
+            case "failed":
+                slots = [form("perf", plain("failure")), form("act", *wish("act")), args("reason")]
+            case event:
+                slots = [form("act", plain(event))]
+                slots += [args(*values)] if (values := values_of(event)) else []
+                slots = [form("perf", plain("inform")), *slots] if event == "done" else slots
+        return self._message(name.mark, said, *slots)
 
     # -- then
 

@@ -57,7 +57,7 @@ def read_profile(source: str, path: str) -> Profile:
     inherits = root.get("inherits")
     if inherits is not None and not isinstance(inherits, Word):
         raise inherits.mark.error("a role inherits from one role")
-    limits: dict[str, float] = {}
+    acts, limits = entries(root.get("acts"), "acts", root.mark), dict[str, float]()
     for key, given in entries(root.get("limits"), "limits", root.mark):
         number = value_of(word(given, "a limit", key.mark))
         if isinstance(number, bool) or not isinstance(number, int | float):
@@ -66,29 +66,13 @@ def read_profile(source: str, path: str) -> Profile:
     return Profile(
         name=word(name, "`role: NAME`", root.mark).text,
         inherits="" if inherits is None else inherits.text,
-        doc=word(root.get("doc") or Word("", root.mark), "doc", root.mark).text,
-        manner=_values(root, "manner"),
-        acts={
-            key.text: {
-                name.text: value_of(word(one, "a value", name.mark))
-                for name, one in entries(given, "an act", key.mark)
-            }
-            for key, given in entries(root.get("acts"), "acts", root.mark)
-        },
-        words={
-            key.text: word(one, "a text", key.mark).text
-            for key, one in entries(root.get("words"), "words", root.mark)
-        },
+        doc=root.text("doc"),
+        manner=root.named_values("manner", "a value"),
+        acts={key.text: acts.named_values(key.text, "a value") for key, _ in acts},
+        words=root.named_texts("words", "a text"),
         limits=limits,
         mark=root.mark,
     )
-
-
-def _values(root: Entries, name: str) -> dict[str, Scalar]:
-    return {
-        key.text: value_of(word(one, "a value", key.mark))
-        for key, one in entries(root.get(name), name, root.mark)
-    }
 
 
 def resolve(name: str, known: Mapping[str, Profile]) -> Profile:
