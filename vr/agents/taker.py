@@ -33,7 +33,16 @@ from robotree.vr.base.errors import (
     Unreachable,
     VrError,
 )
-from robotree.vr.base.order import DIRECTORIES, ORDER_NEWS, Order, OrderHold, mark_of, merged, shifted
+from robotree.vr.base.order import (
+    DIRECTORIES,
+    ORDER_NEWS,
+    Order,
+    OrderHold,
+    clock_ahead,
+    mark_of,
+    merged,
+    shifted,
+)
 from robotree.vr.base.requests import (
     AnyRequest,
     Call,
@@ -53,7 +62,7 @@ from robotree.vr.base.transport import Registration, Transport
 from robotree.vr.core.machine import RobotState
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.authority import expect_right
-from robotree.vr.orders.book import EXPIRED, SAME_CLOCK, by_age
+from robotree.vr.orders.book import EXPIRED, by_age
 from robotree.vr.orders.ledger import Ledger, LedgerEntry
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime
 from robotree.vr.running.runner import soon
@@ -294,7 +303,7 @@ class OrderTaker:
         orders: dict[str, Order] = {}
         holds: dict[str, OrderHold] = {}
         for _, found in await self._ask_all(FetchOrders(identity=self._identity), OrdersFound):
-            by = self._shift(found.now)
+            by = clock_ahead(self._unix(), found.now)
             for each in found.orders:
                 order = shifted(each, by)
                 orders[each.key] = merged(orders[each.key], order) if each.key in orders else order
@@ -532,11 +541,6 @@ class OrderTaker:
         answers = await self._ask_all(TellOrders(orders=orders, now=self._unix()), OrdersFound)
         if not answers and self._transport.presence.keys(DIRECTORIES):
             self._wake.set()
-
-    def _shift(self, now: float) -> float:
-        """Return by how much this robot's clock is ahead of a directory's [s]; small differences are none."""
-        by = self._unix() - now
-        return by if abs(by) > SAME_CLOCK else 0.0
 
     async def _ask_all(self, request: AnyRequest, answer: type[_R]) -> list[tuple[str, _R]]:
         """Ask all directories at once; returns who answered what."""

@@ -39,6 +39,9 @@ RANK: Mapping[OrderState, int] = {
 OPEN: frozenset[OrderState] = frozenset({"waiting", "taken"})
 """States of an order that can still move its robot."""
 
+SAME_CLOCK = 2.0
+"""[s] by which two clocks may differ and still count as one: the way of a message takes some time, too."""
+
 DIRECTORIES = everyone("directory")
 """Presence pattern of all directories."""
 ORDER_NEWS = f"{DIRECTORIES}/orders"
@@ -252,6 +255,17 @@ def merged_hold(one: OrderHold, other: OrderHold) -> OrderHold:
     """Return what is true of a hold of which two copies are known: a release is never undone."""
     first = max(one, other, key=lambda each: (each.released, each.released_by, _encode(each)))
     return msgspec.structs.replace(first, freed=tuple(sorted({*one.freed, *other.freed})))
+
+
+def clock_ahead(own: float, other: float) -> float:
+    """Return by how much the own clock is ahead of another one [s]; small differences are none.
+
+    Args:
+        own: [s] since 1970.
+        other: [s] since 1970, as a message that has just come says.
+    """
+    by = own - other
+    return by if abs(by) > SAME_CLOCK else 0.0
 
 
 def shifted(order: Order, by: float) -> Order:

@@ -106,17 +106,13 @@ class _Database:
         """
         try:
             import psycopg
-            from psycopg.conninfo import conninfo_to_dict
         except ImportError as error:
             raise explained(error) from None
         self._psycopg, self._url = psycopg, url
         self._connection: psycopg.Connection | None = None
         self.on_connect: Callable[[psycopg.Connection], None] = lambda _: None
         """Called with each new connection."""
-        parts = conninfo_to_dict(url)
-        self.where = (
-            f"postgresql://{parts.get('host', '')}:{parts.get('port', 5432)}/{parts.get('dbname', '')}"
-        )
+        self.where = without_password(url)
 
     @contextlib.contextmanager
     def used(self) -> Generator[psycopg.Connection]:
@@ -131,13 +127,13 @@ class _Database:
                 self._connection = self._connected()
             yield self._connection
         except (self._psycopg.errors.DiskFull, self._psycopg.errors.OutOfMemory) as error:
-            raise OSError(28, _words(error)) from None
+            raise OSError(28, first_words(error)) from None
         except self._psycopg.Error as error:
             connection, self._connection = self._connection, None
             refused = error.sqlstate is not None and not error.sqlstate.startswith((CUT, "57P", "55P", "53"))
             if connection is not None:
                 connection.close()
-            raise (OSError if refused else ConnectionError)(f"{self.where}: {_words(error)}") from None
+            raise (OSError if refused else ConnectionError)(f"{self.where}: {first_words(error)}") from None
 
     def _connected(self) -> psycopg.Connection:
         connection = self._psycopg.connect(
@@ -349,7 +345,15 @@ def _make_tables(connection: psycopg.Connection) -> None:
         connection.execute(_SCHEMA)
 
 
-def _words(error: Exception) -> str:
+def first_words(error: Exception) -> str:
     """Return the first line of what PostgreSQL says."""
     text = str(error).strip()
     return text.splitlines()[0] if text else type(error).__name__
+
+
+def without_password(url: str) -> str:
+    """Return where a database is, for people."""
+    from psycopg.conninfo import conninfo_to_dict
+
+    found = conninfo_to_dict(url)
+    return f"postgresql://{found.get('host', '')}:{found.get('port', 5432)}/{found.get('dbname', '')}"

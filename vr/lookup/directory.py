@@ -117,11 +117,6 @@ class Directory:
         """Whether no lookup service runs, so that the list may be old."""
         return not self._union.services
 
-    @property
-    def remembers(self) -> bool:
-        """Whether some may be listed only because a service listed them that is lost now."""
-        return self._union.remembers
-
     def find(self, template: Template) -> tuple[Listing, ...]:
         """Return the listings that match, by role and name."""
         return tuple(listing for listing in self.listings if template.matches(listing))

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable
 
 from robotree.vr.base.address import everyone
 from robotree.vr.base.errors import VrError
@@ -32,20 +31,19 @@ NEWS_PATTERN = f"{everyone('lookup')}/news"
 class LookupService:
     """Serves one table on a transport."""
 
-    def __init__(self, transport: Transport, name: str, *, unix: Callable[[], float] = time.time) -> None:
+    def __init__(self, transport: Transport, name: str) -> None:
         """Prepare a service.
 
         Args:
             transport: where it serves.
             name: under which people know it.
-            unix: returns the time [s] since 1970.
 
         Raises:
             BadName: the name cannot be one.
         """
         self.address = new_address("lookup", name)
         self.table = LookupTable()
-        self.chronicle = Chronicle(transport.presence, unix)
+        self.chronicle = Chronicle(transport.presence, time.time)
         self._transport = transport
         self._clock = asyncio.get_running_loop().time
         self._declared = Declarations()

@@ -47,11 +47,6 @@ class Union:
         """The services that are counted, by key."""
         return tuple(sorted(self._views))
 
-    @property
-    def remembers(self) -> bool:
-        """Whether entries of lost services are kept."""
-        return bool(self._memory)
-
     def add_service(self, service: str) -> None:
         """Count a service from now on. It has sent no list yet."""
         self._views.setdefault(service, {})

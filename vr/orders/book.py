@@ -30,6 +30,7 @@ from robotree.vr.base.order import (
     KnownAgent,
     Order,
     OrderHold,
+    clock_ahead,
     mark_of,
     merged,
     merged_hold,
@@ -61,8 +62,6 @@ MOST_WAITING = 10_000
 """Orders that a directory keeps."""
 KEPT = 30 * 86400.0
 """[s] for which an order that is over and was taken note of is kept; twice that without."""
-SAME_CLOCK = 2.0
-"""[s] by which two clocks may differ and still count as one: the way of a message takes some time, too."""
 
 
 class OrderNews(NamedTuple):
@@ -327,7 +326,7 @@ class OrderBook:
 
     def tell(self, request: TellOrders) -> tuple[OrdersFound, OrderNews]:
         """Take how a robot's orders fare; returns the copies here that are further on."""
-        by, now = self._shift(request.now), self.unix()
+        by, now = clock_ahead(self.unix(), request.now), self.unix()
         told = [shifted(each, by) for each in request.orders]
         news = self.keep(orders=told)
         mine = [self.store.orders[each.key] for each in told]
@@ -408,7 +407,7 @@ class OrderBook:
 
     def share(self, request: ShareRecords) -> tuple[RecordsShared, OrderNews]:
         """Take what another directory has; returns what is further on here, and what was news."""
-        by = self._shift(request.now)
+        by = clock_ahead(self.unix(), request.now)
         orders = [shifted(each, by) for each in request.orders]
         agents = [shifted_known(each, by) for each in request.agents]
         holds = [shifted_hold(each, by) for each in request.holds]
@@ -459,11 +458,6 @@ class OrderBook:
         if old:
             self.store.put(forget=old)
         return self.keep(orders=expired)
-
-    def _shift(self, now: float) -> float:
-        """Return by how much the clock here is ahead of another one [s]; small differences are none."""
-        by = self.unix() - now
-        return by if abs(by) > SAME_CLOCK else 0.0
 
 
 EXPIRED = "its robot did not begin it in time"

@@ -12,6 +12,8 @@ from typing import Literal
 import msgspec
 
 from robotree.files.opening import read
+from robotree.vr.base.errors import PolicyUnusable
+from robotree.vr.network.policy_file import member_of
 
 FILE = "sites.json"
 """In the folder of a realm's keys."""
@@ -55,12 +57,6 @@ def names_of_sites(folder: Path) -> Sequence[str]:
         return [f"of an unknown name ({error})"]
 
 
-class _About(msgspec.Struct, frozen=True):
-    """What of realm.json matters here."""
-
-    name: str
-
-
 def own_name(folder: Path) -> str:
     """Return the name of this machine among the members of the realm; empty: nobody knows it.
 
@@ -68,6 +64,7 @@ def own_name(folder: Path) -> str:
         folder: of the realm's keys.
     """
     try:
-        return msgspec.json.decode(read(folder / "realm.json", LONGEST), type=_About).name
-    except (OSError, msgspec.MsgspecError):
+        member = member_of(folder)
+    except PolicyUnusable:
         return ""
+    return "" if member is None else member.name

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import msgspec
 
@@ -32,40 +32,17 @@ from robotree.vr.base.requests import (
 from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.asking import ask
 from robotree.vr.sites.certificates import MemberKind
-from robotree.vr.sites.frames import Announced, OneNews, SiteFrame, SitePolicy
+from robotree.vr.sites.frames import Announced, OneNews, SitePolicy
 from robotree.vr.sites.sealing import Lane
-from robotree.vr.sites.site import Site
+from robotree.vr.sites.site import Site, WaysToSites
 
 _log = logging.getLogger(__name__)
-
-
-class WithSites(Protocol):
-    """What it needs of the gateway."""
-
-    sites: dict[str, Site]
-
-    @property
-    def local(self) -> set[str]:
-        """The keys that are present here and of this machine."""
-        ...
-
-    def send(self, site: Site, frame: SiteFrame, lane: Lane, *, until: float = ...) -> bool:
-        """Send a frame to a site; returns whether there is a session with it."""
-        ...
-
-    def rank(self, key: str) -> int:
-        """Return how often an agent of this machine has moved."""
-        ...
-
-    def now(self) -> float:
-        """[s] on this machine's monotonic clock."""
-        ...
 
 
 class Showing:
     """See the module. On the event loop."""
 
-    def __init__(self, gateway: WithSites, transport: Transport) -> None:
+    def __init__(self, gateway: WaysToSites, transport: Transport) -> None:
         """Take the ways to the sites and to the agents of this machine."""
         self._gateway, self._transport, self._gate = gateway, transport, transport.gate
         self._policy: Policy | None = self._gate.policy

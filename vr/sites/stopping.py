@@ -9,15 +9,14 @@ from __future__ import annotations
 import asyncio
 import itertools
 from collections.abc import Awaitable, Callable, Sequence
-from typing import Protocol
 
 from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, VrError
 from robotree.vr.base.requests import Done, SafeStop
 from robotree.vr.core.confirmation import Confirmations
-from robotree.vr.sites.frames import SiteFrame, SiteStopped, StopSite
+from robotree.vr.sites.frames import SiteStopped, StopSite
 from robotree.vr.sites.keys import RealmKeys
 from robotree.vr.sites.sealing import Lane
-from robotree.vr.sites.site import Site
+from robotree.vr.sites.site import Site, WaysToSites
 
 StopHere = Callable[[str, str], Awaitable[SiteStopped]]
 """Stops all robots of this machine, for an order and a reason; the number in the answer is 0."""
@@ -26,28 +25,10 @@ REMEMBERED = 64
 """Orders of which it is remembered what came of them."""
 
 
-class ToSites(Protocol):
-    """What a stop needs of the gateway."""
-
-    sites: dict[str, Site]
-
-    def send(self, site: Site, frame: SiteFrame, lane: Lane, *, until: float = ...) -> bool:
-        """Send a frame to a site; returns whether there is a session with it."""
-        ...
-
-    def now(self) -> float:
-        """[s] on this machine's monotonic clock."""
-        ...
-
-    def reason(self) -> str:
-        """Return why no site can be reached, as a clause; empty: the hub answers."""
-        ...
-
-
 class SiteStops:
     """See the module. On the event loop."""
 
-    def __init__(self, gateway: ToSites, keys: RealmKeys, stop_here: StopHere) -> None:
+    def __init__(self, gateway: WaysToSites, keys: RealmKeys, stop_here: StopHere) -> None:
         """Begin with none.
 
         Args:

@@ -31,7 +31,7 @@ class MemoryStore:
             most: entries that it takes.
         """
         self.name = name
-        self.rings: Callable[[], None] = _nothing
+        self.rings: Callable[[], None] = nothing
         self._now = now
         self._table = SpaceTable(name, most=most)
 
@@ -131,5 +131,5 @@ def finite(term: float) -> float | None:
     return term if math.isfinite(term) else None
 
 
-def _nothing() -> None:
+def nothing() -> None:
     """Nobody else changes what is kept here."""

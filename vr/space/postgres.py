@@ -33,6 +33,8 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.extras import explained
 from robotree.vr.base.requests import KeptEntry, KeptFence
+from robotree.vr.journal.postgres import first_words, without_password
+from robotree.vr.space.memory import nothing
 from robotree.vr.space.store import Contents, Durability, EntryNews, FenceState
 from robotree.vr.space.table import Row
 
@@ -171,8 +173,8 @@ class PostgresStore:
         except ImportError as error:
             raise explained(error) from None
         self.name, self._url, self.durability = name, url, durability
-        self.where = _without_password(url)
-        self.rings: Callable[[], None] = _nothing
+        self.where = without_password(url)
+        self.rings: Callable[[], None] = nothing
         self._psycopg = psycopg
         self._news: list[EntryNews] = []
         self._closed = False
@@ -450,15 +452,15 @@ class PostgresStore:
         try:
             yield connection
         except (errors.DiskFull, errors.OutOfMemory) as error:
-            raise SpaceFull(space=self.name, reason=_words(error)) from None
+            raise SpaceFull(space=self.name, reason=first_words(error)) from None
         except (errors.DataCorrupted, errors.IndexCorrupted) as error:
-            raise SpaceDamaged(where=self.where, reason=_words(error)) from None
+            raise SpaceDamaged(where=self.where, reason=first_words(error)) from None
         except self._psycopg.Error as error:
             if connection.closed or connection.broken:
                 self._connection = None
                 if doubtful:
                     raise SpaceLost(space=self.name, request=doubtful) from None
-            raise SpaceUnusable(where=self.where, reason=_words(error)) from None
+            raise SpaceUnusable(where=self.where, reason=first_words(error)) from None
 
     def _connected(self) -> psycopg.Connection:
         if self._connection is None or self._connection.closed:
@@ -473,7 +475,7 @@ class PostgresStore:
         try:
             connection = self._psycopg.connect(self._url, autocommit=True, connect_timeout=LOCK_WITHIN)
         except self._psycopg.Error as error:
-            raise SpaceUnusable(where=self.where, reason=_words(error)) from None
+            raise SpaceUnusable(where=self.where, reason=first_words(error)) from None
         self._pids.add(connection.info.backend_pid)
         return connection
 
@@ -512,20 +514,3 @@ def _decode(body: bytes, where: str) -> Entry:
         return _decoder.decode(body)
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise SpaceDamaged(where=where, reason=str(error)) from None
-
-
-def _words(error: Exception) -> str:
-    """Return the first line of what PostgreSQL says."""
-    text = str(error).strip()
-    return text.splitlines()[0] if text else type(error).__name__
-
-
-def _without_password(url: str) -> str:
-    from psycopg.conninfo import conninfo_to_dict
-
-    found = conninfo_to_dict(url)
-    return f"postgresql://{found.get('host', '')}:{found.get('port', 5432)}/{found.get('dbname', '')}"
-
-
-def _nothing() -> None:
-    """Nobody listens yet."""

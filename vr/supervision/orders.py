@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
-from robotree.vr.base.address import Address, everyone
+from robotree.vr.base.address import Address
 from robotree.vr.base.chance import token
 from robotree.vr.base.errors import (
     NoDirectory,
@@ -22,9 +22,12 @@ from robotree.vr.base.errors import (
     VrError,
 )
 from robotree.vr.base.order import (
+    DIRECTORIES,
+    ORDER_NEWS,
     KnownAgent,
     Order,
     OrderHold,
+    clock_ahead,
     expect_ticket,
     merged,
     merged_hold,
@@ -59,16 +62,12 @@ from robotree.vr.exchange.asking import ask
 
 WITHIN = 2.5
 """[s] for a directory to answer: it may wait a second for the others."""
-SAME_CLOCK = 2.0
-"""[s] by which two clocks may differ and still count as one."""
 MEETING = 1.0
 """[s] in which a directory is heard by a program that has just come."""
 USUAL_END = 86400.0
 """[s] in which an order must begin if nobody says."""
 NO_KEY = "-"
 """Of no order: who asks for it gets the holds alone."""
-PATTERN = everyone("directory")
-"""Presence pattern of all directories."""
 
 _R = TypeVar("_R", bound=Reply)
 
@@ -86,22 +85,19 @@ class OrderBoard(NamedTuple):
 class OrderDesk:
     """See the module."""
 
-    def __init__(
-        self, transport: Transport, caller: Callable[[], Any], unix: Callable[[], float] = time.time
-    ) -> None:
+    def __init__(self, transport: Transport, caller: Callable[[], Any]) -> None:
         """Prepare.
 
         Args:
             transport: the way to the directories.
             caller: returns, when awaited, the key under which this program is present.
-            unix: returns the time [s] since 1970.
         """
-        self._transport, self._caller, self._unix = transport, caller, unix
+        self._transport, self._caller, self._unix = transport, caller, time.time
 
     @property
     def directories(self) -> Sequence[str]:
         """Keys of the directories that are there."""
-        return self._transport.presence.keys(PATTERN)
+        return self._transport.presence.keys(DIRECTORIES)
 
     async def met(self, within: float = MEETING) -> Sequence[str]:
         """Return the keys of the directories, as soon as one that the machine knows of has been heard.
@@ -110,8 +106,8 @@ class OrderDesk:
             within: [s] to wait for it.
         """
         presence = self._transport.presence
-        if not self.directories and presence.held(PATTERN):
-            await presence.until(PATTERN, there=True, within=within)
+        if not self.directories and presence.held(DIRECTORIES):
+            await presence.until(DIRECTORIES, there=True, within=within)
         return self.directories
 
     # -- orders -----------------------------------------------------------------------------------
@@ -125,7 +121,6 @@ class OrderDesk:
         begin_within: float = USUAL_END,
         may_take: float = 120.0,
         identity: str = "",
-        key: str = "",
     ) -> OrderLeft:
         """Leave an order; returns it, with the directories that have it.
 
@@ -136,7 +131,6 @@ class OrderDesk:
             begin_within: [s] in which it must begin.
             may_take: [s] that it may take then.
             identity: which robot of this name; empty: the only one.
-            key: of the order; empty: a new one.
 
         Raises:
             NoDirectory: none answers.
@@ -144,7 +138,7 @@ class OrderDesk:
             CommandError: the arguments do not fit, or there is no such command.
         """
         request = LeaveOrder(
-            key=key or token(),
+            key=token(),
             robot=robot,
             identity=identity,
             command=command,
@@ -204,7 +198,7 @@ class OrderDesk:
         orders: dict[str, Order] = {}
         holds: dict[str, OrderHold] = {}
         for found in answers.values():
-            by = self._shift(found.now)
+            by = clock_ahead(self._unix(), found.now)
             for each in found.orders:
                 order = shifted(each, by)
                 orders[each.key] = merged(orders[each.key], order) if each.key in orders else order
@@ -256,18 +250,16 @@ class OrderDesk:
             if isinstance(event, OrdersChanged):
                 callback(event)
 
-        return await self._transport.subscribe(f"{PATTERN}/orders", hear)
+        return await self._transport.subscribe(ORDER_NEWS, hear)
 
     # -- what is remembered -----------------------------------------------------------------------
 
-    async def known(
-        self, name: str = "", *, kind: str = "", command: str = "", brief: bool = False
-    ) -> Sequence[KnownAgent]:
+    async def known(self, name: str = "", *, brief: bool = False) -> Sequence[KnownAgent]:
         """Return what the directories remember of robots and views, by name; nothing if none answers."""
-        request = ReadKnown(name=name, kind=kind, command=command, brief=brief)
+        request = ReadKnown(name=name, brief=brief)
         found: dict[str, KnownAgent] = {}
         for answer in (await self._all(request, KnownFound)).values():
-            by = self._shift(answer.now)
+            by = clock_ahead(self._unix(), answer.now)
             for each in answer.agents:
                 agent = shifted_known(each, by)
                 known = found.get(each.identity)
@@ -328,7 +320,7 @@ class OrderDesk:
         """
         request = TakeAlong(names=tuple(names), device=device)
         found = await self._first(request, KnownFound, pass_on=(NotRemembered,))
-        by = self._shift(found.now)
+        by = clock_ahead(self._unix(), found.now)
         return found.who, [shifted_known(each, by) for each in found.agents]
 
     # -- stops ------------------------------------------------------------------------------------
@@ -358,10 +350,6 @@ class OrderDesk:
         return [_name(each) for each in asked if each not in answers]
 
     # -- inside -----------------------------------------------------------------------------------
-
-    def _shift(self, now: float) -> float:
-        by = self._unix() - now
-        return by if abs(by) > SAME_CLOCK else 0.0
 
     async def _all(self, request: AnyRequest, answer: type[_R], *, urgent: bool = False) -> dict[str, _R]:
         """Ask all directories at once; returns the answers by key. One that refuses counts as silent."""

@@ -657,7 +657,6 @@ class RealmClient:
         *,
         deadline: float,
         caller: str,
-        on_progress: OnProgress | None = None,
     ) -> Any:
         """Do as `call`, from a thread that waits itself: not that of the event loop.
 
@@ -667,12 +666,11 @@ class RealmClient:
             arguments: numbers in the declared units, or text with units.
             deadline: [s] within which it must be done.
             caller: see the method of this name.
-            on_progress: takes how far it is, in another thread.
         """
         call = Call(
             key=fresh_key(), command=command, arguments=dict(arguments), caller=CALLER, deadline=deadline
         )
-        return call_and_wait(self._transport, CallOutcome(call, robot, on_progress), sender=caller)
+        return call_and_wait(self._transport, CallOutcome(call, robot), sender=caller)
 
     def find(self, name: str) -> Address | None:
         """Return the one robot of a name that is present; None: look closer. From any thread."""
