@@ -34,11 +34,6 @@ def test_in_memory(check: Check) -> None:
     run_in_virtual_time(examine())
 
 
-@pytest.mark.parametrize("check", LOOKUP_CHECKS, ids=lambda check: check.__name__)
-async def test_over_zenoh(check: Check, join_realm: Join) -> None:
-    await check(join_realm, open_service)
-
-
 @in_virtual_time
 async def test_two_of_one_name_cannot_be() -> None:
     network = MemoryNetwork()

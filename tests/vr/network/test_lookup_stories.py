@@ -7,7 +7,6 @@ import asyncio
 import msgspec
 import pytest
 
-from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing, Template
 from robotree.vr.base.errors import NoSuchHost, NoSuchRobot, NoSuchView
 from robotree.vr.base.requests import Register, Registered
@@ -104,27 +103,6 @@ async def test_arrivals_changes_and_departures_appear_by_themselves_and_once() -
     await asyncio.sleep(300)
     assert onlooker.news == [], "leases are renewed"
     assert onlooker.directory.services == ("lookup-0", "lookup-1", "lookup-2")
-
-
-@in_virtual_time
-async def test_with_one_of_three_killed_nobody_notices() -> None:
-    network = MemoryNetwork()
-    lookups = await open_lookups(network)
-    await Agent(network, "arm").start()
-    onlooker = await Onlooker(network).start()
-    assert onlooker.news == ["arrived arm"]
-    network.kill(lookups[0])
-    rover = await Agent(network, "rover").start()
-    await asyncio.sleep(60)
-    assert onlooker.news == ["arrived rover"]
-    network.kill(lookups[1])
-    await asyncio.sleep(60)
-    assert onlooker.news == []
-    assert onlooker.directory.services == ("lookup-2",)
-    assert not onlooker.directory.stale
-    await rover.be_enslaved()
-    await asyncio.sleep(0.01)
-    assert onlooker.news == ["departed rover"]
 
 
 @pytest.mark.parametrize("seconds", [0.5, 1.9, 2.1, 5.0, 9.0, 11.0, 100.0])
@@ -316,19 +294,6 @@ async def test_robots_that_come_and_go_all_the_time_leave_a_bounded_trace(
 
 
 @in_virtual_time
-async def test_a_late_lookup_takes_over_from_the_only_one() -> None:
-    network = MemoryNetwork()
-    (first,) = await open_lookups(network, 1)
-    await Agent(network, "arm").start()
-    onlooker = await Onlooker(network).start()
-    await open_lookup(network, "late")
-    network.kill(first)
-    await asyncio.sleep(60)
-    assert onlooker.news == ["arrived arm"]
-    assert onlooker.directory.services == ("late",)
-
-
-@in_virtual_time
 async def test_a_late_lookup_is_not_kept_waiting_by_a_stopped_one() -> None:
     network = MemoryNetwork()
     lookups = await open_lookups(network)
@@ -339,43 +304,6 @@ async def test_a_late_lookup_is_not_kept_waiting_by_a_stopped_one() -> None:
     assert asyncio.get_running_loop().time() - begin < 1.5
     now = asyncio.get_running_loop().time()
     assert [listing.name for listing, _ in service.table.find(Template(), now)] == ["arm"]
-
-
-@pytest.mark.parametrize("seconds", [1.0, 5.0, 30.0])
-@in_virtual_time
-async def test_a_lookup_that_slept_does_not_bring_back_the_enslaved_or_the_dead(seconds: float) -> None:
-    network = MemoryNetwork()
-    lookups = await open_lookups(network)
-    arm, rover = await Agent(network, "arm").start(), await Agent(network, "rover").start()
-    early = await Onlooker(network).start()
-    assert early.news == ["arrived arm", "arrived rover"]
-    network.freeze(lookups[2])
-    await asyncio.sleep(0.1)
-    await arm.be_enslaved()
-    network.kill(rover.transport)
-    await asyncio.sleep(seconds)
-    assert early.news == ["departed arm", "departed rover"]
-    network.thaw(lookups[2])
-    await asyncio.sleep(0.1)
-    late = await Onlooker(network).start()
-    assert late.names == [], "the withdrawal was repeated to it, long before its old leases end"
-    await asyncio.sleep(60)
-    assert early.news == late.news == []
-
-
-@in_virtual_time
-async def test_a_stopped_robot_departs_and_returns() -> None:
-    network = MemoryNetwork(lease=2.0)
-    await open_lookups(network)
-    arm = await Agent(network, "arm").start()
-    onlooker = await Onlooker(network).start()
-    assert onlooker.news == ["arrived arm"]
-    network.freeze(arm.transport)
-    await asyncio.sleep(2.1)
-    assert onlooker.news == ["departed arm"]
-    network.thaw(arm.transport)
-    await asyncio.sleep(1.0)
-    assert onlooker.news == ["arrived arm"]
 
 
 @in_virtual_time
@@ -408,25 +336,6 @@ async def test_the_enslaved_are_found_by_name_and_nobody_else() -> None:
     with pytest.raises(NoSuchView):
         await onlooker.directory.resolve("arm", "view")
     assert onlooker.directory.present("robot") == (arm.listing.address,)
-
-
-@in_virtual_time
-async def test_onlookers_choose_by_template() -> None:
-    network = MemoryNetwork()
-    await open_lookups(network, 2)
-    await Agent(network, "arm").start()
-    view = Agent(network, "view")
-    view.listing = Listing(address=Address("view", "cell", "1"), kinds=("View",), attributes={"at": "cell"})
-    await view.start()
-    onlooker = await Onlooker(network).start()
-    for template, names in (
-        (Template(), ["arm", "cell"]),
-        (Template(role="view"), ["cell"]),
-        (Template(kind="Robot"), ["arm"]),
-        (Template(attributes={"at": "cell"}), ["cell"]),
-        (Template(kind="Rover"), []),
-    ):
-        assert [listing.name for listing in onlooker.directory.find(template)] == names
 
 
 @in_virtual_time

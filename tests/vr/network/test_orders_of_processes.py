@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-import sys
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
@@ -15,12 +14,11 @@ import pytest
 
 from robotree.tui.line import manual, verbs
 from robotree.tui.line.carrying import Silent
-from robotree.vr.base.errors import Hanging, NoSuchRobot, NotConfirmed, Stopped
-from robotree.vr.network import lean_stop
+from robotree.vr.base.errors import NotConfirmed, Stopped
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
-from tests.vr.network.processes import Start, remove
+from tests.vr.network.processes import Start
 from tests.withheld import Withheld
 
 Look = Callable[[], Awaitable[RealmClient]]
@@ -40,15 +38,6 @@ async def look(join_realm: Callable[[], Awaitable[LocalTransport]]) -> AsyncIter
     for realm_client in realm_clients:
         await realm_client.close()
 
-
-WITHOUT_A_NAME = """
-import os, signal, socket, sys
-door = socket.socket(socket.AF_UNIX)
-door.bind(f"{sys.argv[1]}/.{os.getpid()}-0123abcd")
-door.listen()
-os.kill(os.getpid(), signal.SIGSTOP)
-"""
-"""What a newcomer has done that is stopped just before it gives its socket the name by which it is found."""
 
 AT_ONCE = 1.0
 """[s] in which a person knows which robots a stop may have missed."""
@@ -112,20 +101,16 @@ async def test_a_robot_that_was_frozen_when_all_were_stopped_stops_when_it_wakes
     assert await realm_client.call("frozen", "move", {"x": 1.0}) == 1.0
 
 
-@pytest.mark.parametrize("lean", [False, True], ids=["by a full order", "by what is sent before it"])
 async def test_a_frozen_robot_whose_list_is_damaged_stops_when_it_wakes(
-    start: Start, look: Look, newcomer: Newcomer, place: Path, *, lean: bool
+    start: Start, look: Look, newcomer: Newcomer, place: Path
 ) -> None:
     """Nobody can read which robots its process has, so the process is asked for the one that is meant."""
     _, frozen = await robots(start, "awake", "frozen")
     await frozen.freeze()
     (held,) = (place / "robotree" / "test").glob(f"{frozen.process.pid}-*.held")
     held.write_bytes(b"\0garbage\n")
-    if lean:
-        assert lean_stop.send_first(["stop", "--realm", "test", "frozen"])
-    else:
-        with pytest.raises(NotConfirmed, match=f"process {frozen.process.pid} .*gone or damaged"):
-            await newcomer.stop("frozen")
+    with pytest.raises(NotConfirmed, match=f"process {frozen.process.pid} .*gone or damaged"):
+        await newcomer.stop("frozen")
     frozen.signal(signal.SIGCONT)
     realm_client = await look()
     await until(lambda: len(realm_client.directory.present("robot")) == 2, "it is seen again")
@@ -133,41 +118,6 @@ async def test_a_frozen_robot_whose_list_is_damaged_stops_when_it_wakes(
         while not (await realm_client.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
             await asyncio.sleep(0.001)
     assert not (await realm_client.describe("awake")).stopped, "the other one was not meant"
-
-
-async def test_whatever_is_asked_of_a_frozen_robot_its_process_is_named(start: Start, look: Look) -> None:
-    _, frozen = await robots(start, "awake", "frozen")
-    watcher = await look()
-    await until(lambda: len(watcher.directory.present("robot")) == 2, "both are seen")
-    pid = frozen.process.pid
-    who = (
-        rf"^the robot 'frozen' is in process {pid}, which hangs and does not answer; "
-        rf"`kill -CONT {pid}` wakes it, `kill -9 {pid}` ends it$"
-    )
-    await frozen.freeze()
-    with pytest.raises(Hanging, match=who):  # its presence stands, until it is asked
-        await watcher.describe("frozen")
-    newcomer = await look()
-    for realm_client in (watcher, newcomer):
-        questions: list[Awaitable[object]] = [
-            realm_client.describe("frozen"),
-            realm_client.call("frozen", "move", {"x": 1.0}),
-            realm_client.cancel("frozen"),
-            realm_client.release("frozen", "slot"),
-            realm_client.delete("frozen"),
-            realm_client.enslave("awake", "slot", "frozen"),
-        ]
-        for question in questions:
-            with pytest.raises(Hanging, match=who):
-                await question
-    frozen.signal(signal.SIGCONT)
-    await until(lambda: len(newcomer.directory.present("robot")) == 2, "it is seen again")
-    assert (await newcomer.describe("frozen")).name == "frozen"
-    frozen.signal(signal.SIGKILL)
-    await frozen.process.wait()
-    await until(lambda: len(newcomer.directory.present("robot")) == 1, "it is missed")
-    with pytest.raises(NoSuchRobot):
-        await newcomer.describe("frozen")
 
 
 async def test_a_newcomer_says_at_once_whom_its_stop_did_not_reach(start: Start, newcomer: Newcomer) -> None:
@@ -203,26 +153,6 @@ async def test_nobody_is_told_to_end_by_force_a_process_that_only_is_not_heard(
     assert len(newcomer.late) == 1
 
 
-async def test_a_stop_knows_of_a_process_that_nobody_can_find(start: Start, newcomer: Newcomer) -> None:
-    await robots(start, "awake")
-    folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
-    nameless = await asyncio.create_subprocess_exec(sys.executable, "-c", WITHOUT_A_NAME, str(folder))
-    while not list(folder.glob(f".{nameless.pid}-*")):  # noqa: ASYNC110 # what is seen of it is the condition
-        await asyncio.sleep(0.01)
-    try:
-        with pytest.raises(
-            NotConfirmed,
-            match=rf"by awake but NOT by process {nameless.pid} \(its files in the realm's folder are gone",
-        ):
-            await newcomer.stop()
-        assert newcomer.took < AT_ONCE
-        assert await newcomer.stop("awake") == ["awake"], "it is not the one that was meant"
-    finally:
-        nameless.kill()
-        await nameless.wait()
-    assert await newcomer.stop() == ["awake"]
-
-
 async def test_a_stop_and_ls_name_a_frozen_process_whose_list_was_cut(
     start: Start, newcomer: Newcomer, look: Look
 ) -> None:
@@ -239,23 +169,5 @@ async def test_a_stop_and_ls_name_a_frozen_process_whose_list_was_cut(
     listed = await verbs.ls(await look(), manual.shell().parse(["ls"]), Silent())
     assert f"any robot of process {pid} hangs in process {pid}: `kill -CONT {pid}`" in str(listed.doubt)
     assert any(line.startswith(f"any robot of process {pid} ") for line in listed.text.splitlines())
-    frozen.signal(signal.SIGCONT)
-    assert await newcomer.stop() == ["awake", "frozen"]
-
-
-async def test_a_stop_reaches_all_whose_folder_was_removed_just_now(start: Start, newcomer: Newcomer) -> None:
-    _, frozen = await robots(start, "awake", "frozen")
-    folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
-    remove(folder)
-    assert await newcomer.stop() == ["awake", "frozen"]
-    await frozen.freeze()
-    remove(folder)
-    pid = frozen.process.pid  # under load it may have gone on for a moment, and have taken a name again
-    who = (
-        rf"(process {pid} \(its files in the realm's folder are gone|frozen \(in process {pid}, which hangs)"
-    )
-    with pytest.raises(NotConfirmed, match=rf"by awake but NOT by {who}"):
-        await newcomer.stop()
-    assert newcomer.took < AT_ONCE
     frozen.signal(signal.SIGCONT)
     assert await newcomer.stop() == ["awake", "frozen"]

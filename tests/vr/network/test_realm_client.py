@@ -15,6 +15,7 @@ from robotree.vr.base.errors import (
     BadName,
     BrokenSource,
     DuplicateName,
+    Hanging,
     HostReserved,
     LeaseDenied,
     NoHost,
@@ -34,7 +35,7 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.base.requests import State
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.supervision.realm_client import from_the_top
+from robotree.vr.supervision.realm_client import RealmClient, from_the_top
 from robotree.vr.world.testing import until
 from tests.vr.network.world import Window, World
 
@@ -209,6 +210,28 @@ async def test_every_failure_is_a_sentence(world: World, ask: Ask, error: type[V
         await ask(world)
     names = [robot.name for robot in await world.realm_client.tree()]
     assert sorted(names) == ["carrier", "r1", "r2", "thief", "train"], "and nothing is lost"
+
+
+async def test_whatever_is_asked_of_a_frozen_robot_its_process_is_named(world: World) -> None:
+    await world.create("carrier")
+    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
+    newcomer = RealmClient(world.network.join("newcomer"))
+    await newcomer.start()
+    for realm_client in (world.realm_client, newcomer):
+        questions: list[Awaitable[object]] = [
+            realm_client.describe("r1"),
+            realm_client.call("r1", "move", {"x": 1.0}),
+            realm_client.cancel("r1"),
+            realm_client.release("r1", "slot"),
+            realm_client.delete("r1"),
+            realm_client.enslave("carrier", "rover", "r1"),
+        ]
+        for question in questions:
+            with pytest.raises(Hanging, match=r"^the robot 'r1' is in r1, which hangs and .*; thaw r1$"):
+                await question
+    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
+    assert (await newcomer.describe("r1")).name == "r1"
+    await newcomer.close()
 
 
 async def test_source_that_raises_names_the_file(world: World) -> None:

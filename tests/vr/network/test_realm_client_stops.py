@@ -108,20 +108,6 @@ async def test_a_robot_whose_process_freezes_and_then_loses_its_files_is_named_s
     world.network.thaw(sleeper)
 
 
-async def test_who_comes_to_sight_while_all_are_being_told_is_told(world: World) -> None:
-    world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
-    newcomer = RealmClient(world.network.join("newcomer"))
-    await newcomer.start()
-    stopping = asyncio.create_task(newcomer.stop(None))
-    rover = world.agents["r2"].robot
-    assert isinstance(rover, Rover)
-    await until(lambda: bool(rover.stopped), "the others are told at once")
-    assert not stopping.done()
-    world.network.thaw(world.agents["r1"].transport)  # type: ignore[arg-type]
-    assert list(await stopping) == ["r1", "r2"]
-    await newcomer.close()
-
-
 async def test_who_comes_to_sight_while_an_answer_is_awaited_is_told(world: World) -> None:
     served: dict[str, Any] = world.agents["r1"].transport.served  # type: ignore[attr-defined]
     ((key, answer),) = served.items()

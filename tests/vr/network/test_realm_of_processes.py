@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from robotree.vr.base.errors import NoAnswer, Unreachable
+from robotree.vr.base.errors import Unreachable
 from robotree.vr.network.local import LocalTransport
 from robotree.vr.network.mesh import HANGS, TICK
 from robotree.vr.world.promises import replies_of, until
-from tests.vr.network.processes import Start
+from tests.vr.network.processes import Start, start_all
 
 Enter = Callable[[], Awaitable[LocalTransport]]
 
@@ -44,24 +44,6 @@ async def test_a_killed_process_is_missed_at_once(start: Start, join_realm: Ente
     assert gone[0] - killed < 0.5  # measured: 3 ms
     got = await replies_of(transport.request("robot/arm/1", b"", timeout=60))
     assert isinstance(got[1], Unreachable)
-
-
-async def test_a_stopped_process_is_silent_then_missed_then_back(start: Start, join_realm: Enter) -> None:
-    process = await start("serve", "arm")
-    await process.ready()
-    transport = await join_realm()
-    seen: list[bool] = []
-    transport.presence.watch("robot/*/*", lambda _, there: seen.append(there))
-    await arrived(transport, "arm")
-    process.signal(signal.SIGSTOP)
-    got = await replies_of(transport.request("robot/arm/1", b"", timeout=0.3))
-    assert isinstance(got[1], NoAnswer)
-    await until(lambda: seen == [True, False], "silence ends its presence")
-    got = await replies_of(transport.request("robot/arm/1", b"", timeout=60))
-    assert isinstance(got[1], Unreachable)
-    process.signal(signal.SIGCONT)
-    await until(lambda: seen == [True, False, True], "its presence returns with it")
-    assert await replies_of(transport.request("robot/arm/1", b"hi", timeout=60)) == ([b"ack", b"hi"], None)
 
 
 @pytest.mark.speed
@@ -121,3 +103,8 @@ async def test_an_interrupt_ends_a_process_without_a_word(start: Start, join_rea
     await arrived(transport, "arm")
     process.signal(signal.SIGINT)
     assert await process.end() == (130, "")
+
+
+async def test_members_end_in_order_when_their_tether_is_cut(start: Start) -> None:
+    for member in await start_all(start, ("lookup", "l1"), ("host", "h1"), ("robot", "rover")):
+        assert await member.end() == (0, "")
