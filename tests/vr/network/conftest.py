@@ -13,7 +13,6 @@ from robotree.vr.base.transport import Transport
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.world.network import MemoryNetwork
 from tests.vr.network.processes import Process, Start
-from tests.vr.network.world import World
 
 
 @pytest.fixture
@@ -63,11 +62,3 @@ async def start(place: Path) -> AsyncIterator[Start]:
             with contextlib.suppress(ProcessLookupError):
                 member.process.kill()
             await member.process.communicate()
-
-
-@pytest.fixture
-async def world(tmp_path: Path) -> AsyncIterator[World]:
-    world = World(tmp_path)
-    await world.open()
-    yield world
-    await world.close()

@@ -12,7 +12,7 @@ from robotree.vr.base.transport import Incoming
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.supervision.stop import CONFIRM
 from robotree.vr.world.testing import until
-from tests.vr.network.world import Rover, World
+from tests.vr.supervision.world import Rover, World
 
 
 def stopped(world: World, name: str) -> bool:
@@ -111,11 +111,11 @@ async def test_a_robot_whose_process_freezes_and_then_loses_its_files_is_named_s
 async def test_who_comes_to_sight_while_an_answer_is_awaited_is_told(world: World) -> None:
     served: dict[str, Any] = world.agents["r1"].transport.served  # type: ignore[attr-defined]
     ((key, answer),) = served.items()
-    at_last = asyncio.Event()
+    at_last, loop = asyncio.Event(), asyncio.get_running_loop()
     late: list[asyncio.Task[bool]] = []
 
     def answer_late(incoming: Incoming) -> None:
-        late.append(asyncio.create_task(at_last.wait()))
+        late.append(loop.create_task(at_last.wait()))
         late[0].add_done_callback(lambda _: answer(incoming))
 
     served[key] = answer_late
@@ -136,7 +136,7 @@ async def test_a_stop_that_came_after_a_resume_was_given_stays_however_late_the_
     await world.realm_client.enslave("carrier", "rover", "r1")
     await world.realm_client.stop(None)
     given = asyncio.get_running_loop().time()
-    await asyncio.sleep(0)
+    await asyncio.sleep(0.01)
     assert await world.realm_client.stop("r2") == ["r2"]
     again = r"NOT by r2 \(it was stopped again after that had been asked for\)"
     with pytest.raises(NotConfirmed, match=f"confirmed by carrier, r1 but {again}"):

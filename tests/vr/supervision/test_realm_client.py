@@ -7,7 +7,6 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from robotree.vr.agents.host import Host
 from robotree.vr.agents.view import ViewAgent
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription, SlotSpec
@@ -37,7 +36,7 @@ from robotree.vr.base.requests import State
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.supervision.realm_client import RealmClient, from_the_top
 from robotree.vr.world.testing import until
-from tests.vr.network.world import Window, World
+from tests.vr.supervision.world import Window, World
 
 
 async def test_the_thesis_story_by_name(world: World) -> None:
@@ -137,7 +136,7 @@ async def test_changes_are_told_and_the_services_are_named(world: World) -> None
 
 async def test_the_host_is_the_one_named_else_the_first(world: World) -> None:
     transport = world.network.join("host-0")
-    other = Host(transport, "host-0", registrar=Registrar(transport))
+    other = world.host_on(transport, "host-0")
     await other.start()
     assert (await world.create("a")).host == "host-0"
     assert (await world.create("b", host="host-1")).host == "host-1"
@@ -151,7 +150,7 @@ async def test_the_host_is_the_one_named_else_the_first(world: World) -> None:
 
 async def test_a_host_for_one_robot_takes_no_other(world: World) -> None:
     transport = world.network.join("host-0")
-    alone = Host(transport, "host-0", registrar=Registrar(transport), only="a")
+    alone = world.host_on(transport, "host-0", only="a")
     await alone.start()
     with pytest.raises(HostReserved, match="host 'host-0' runs a alone"):
         await world.create("b", host="host-0")
@@ -169,7 +168,7 @@ async def test_a_host_for_one_robot_takes_no_other(world: World) -> None:
 
 async def test_a_host_whose_robot_does_not_come_waits_no_longer(world: World) -> None:
     transport = world.network.join("host-0")
-    alone = Host(transport, "host-0", registrar=Registrar(transport), only="a")
+    alone = world.host_on(transport, "host-0", only="a")
     await alone.start()
     waiting = asyncio.ensure_future(alone.deserted(0.01))
     await until(waiting.done, "it has waited")

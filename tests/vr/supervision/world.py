@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
@@ -13,9 +13,11 @@ from robotree.vr.agents.host import Host
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.running.process import Process
 from robotree.vr.supervision.realm_client import RealmClient
-from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.testing import until
+from tests.vr.core.conftest import runner_here
 
 SOURCE = """
 from robotree.vr import Child, VirtualRobot, command
@@ -71,9 +73,13 @@ class World:
         self.source.write_text(SOURCE)
         self.lookup = LookupService(self.network.join("lookup"), "lookup-1")
         transport = self.network.join("host")
-        self.host = Host(transport, "host-1", registrar=Registrar(transport))
+        self.host = self.host_on(transport, "host-1")
         self.realm_client = RealmClient(self.network.join("operator"))
         self.agents: dict[str, RobotAgent] = {}
+
+    def host_on(self, transport: MemoryTransport, name: str, **options: Any) -> Host:
+        process = Process(runner_here())
+        return Host(transport, name, registrar=Registrar(transport), process=process, **options)
 
     async def open(self) -> None:
         await asyncio.gather(self.lookup.start(), self.host.start(), self.realm_client.start())
@@ -82,7 +88,9 @@ class World:
 
     async def add(self, name: str) -> None:
         transport = self.network.join(name)
-        self.agents[name] = RobotAgent(Rover(name), transport, registrar=Registrar(transport))
+        self.agents[name] = RobotAgent(
+            Rover(name), transport, registrar=Registrar(transport), process=Process(runner_here())
+        )
         await self.agents[name].start()
 
     async def create(self, name: str, wanted: str = "Carrier", host: str = "") -> RobotDescription:
