@@ -1,13 +1,7 @@
-"""What authors do, written as a student would write it; one test for each story.
-
-Most stories have tests of their own beside what they are about: `TOLD_ELSEWHERE` names one for each, and a
-test looks that it is there. The stories of this file are those that had none.
-"""
+"""What authors do, written as a student would write it; one test for each story that is told nowhere else."""
 
 from __future__ import annotations
 
-import ast
-from pathlib import Path
 from typing import Annotated
 
 import pytest
@@ -28,76 +22,7 @@ from robotree.vr import (
     command,
 )
 
-ROOT = Path(__file__).parents[3]
-TOLD_ELSEWHERE = {
-    "rovers in an array, and one is lost": "tests/vr/authoring/test_an_array_of_children.py::"
-    "test_a_lost_rover_leaves_a_gap_that_can_be_filled_again",
-    "a list of Child": "tests/vr/authoring/test_an_array_of_children.py::"
-    "test_a_list_of_child_is_refused_with_what_to_write",
-    "two arms at the same time": "tests/vr/core/test_together.py::"
-    "test_two_arms_move_at_the_same_time_and_the_block_waits_for_both",
-    "the first that succeeds": "tests/vr/core/test_together.py::"
-    "test_the_first_that_succeeds_wins_and_the_others_are_cancelled",
-    "a started move ends with its command": "tests/vr/core/test_cleanup.py::"
-    "test_what_a_command_has_started_ends_with_it",
-    "a detached move goes on": "tests/vr/core/test_cleanup.py::test_what_is_detached_goes_on",
-    "let go after a cancel": "tests/examples/test_pick_and_place.py::"
-    "test_it_lets_go_when_it_is_cancelled_or_late",
-    "nothing moves after a stop": "tests/examples/test_pick_and_place.py::test_nothing_moves_after_a_stop",
-    "an empty shelf": "tests/vr/core/test_failing.py::test_a_parent_catches_a_failure_and_reads_its_values",
-    "a cause is kept": "tests/vr/core/test_failing.py::test_a_failure_keeps_its_cause",
-    "wrong arguments to a child": "tests/vr/core/test_failing.py::"
-    "test_wrong_arguments_for_a_child_name_the_line_of_the_page",
-    "three ways to lose a call": "tests/vr/core/test_failing.py::"
-    "test_three_things_that_end_a_call_of_a_child_say_which_they_are",
-    "numpy": "tests/vr/authoring/test_values.py::test_numpy_goes_to_a_child_and_back",
-    "a small picture": "tests/vr/authoring/test_values.py::test_a_picture_is_saved_from_the_command_line",
-    "Unit('metrs')": "tests/vr/authoring/test_values.py::test_an_unknown_unit_names_the_nearest",
-    "a setting is changed": "tests/vr/core/test_fields.py::test_a_setting_is_changed_while_a_command_runs",
-    "state is kept": "tests/vr/core/test_fields.py::"
-    "test_what_a_command_changes_inside_a_list_is_kept_when_it_ends",
-    "a page is reloaded": "tests/vr/network/test_reload.py::test_bonds_settings_and_state_stay",
-    "a syntax error leaves the old page": "tests/vr/network/test_reload.py::"
-    "test_a_page_with_a_mistake_leaves_the_old_one_running",
-    "a test with a fake": "tests/testing/test_rehearse.py::test_what_was_commanded_can_be_asserted_on",
-    "a test with physics": "tests/testing/test_simulated.py::"
-    "test_a_lever_is_closed_by_the_simulated_arm_faster_than_real_time",
-    "a test under 100 seeds": "tests/testing/test_seeds.py::"
-    "test_a_good_page_keeps_the_laws_under_100_seeds_in_two_seconds_of_processor_time",
-    "an own class of the same name": "tests/vr/authoring/test_kinds.py::"
-    "test_an_own_class_of_the_same_name_does_not_fit_an_arm_slot",
-    "pyright": "tests/vr/authoring/test_type_checkers.py::test_pyright_flags_the_wrong_lines_and_no_others",
-    "mypy": "tests/vr/authoring/test_type_checkers.py::test_mypy_flags_the_wrong_lines_and_no_others",
-    "pages with mistakes": "tests/vr/authoring/test_mistakes.py::"
-    "test_a_page_with_a_mistake_is_refused_with_its_line_and_the_remedy",
-    "a page of several files": "tests/vr/authoring/test_helpers.py::"
-    "test_a_page_imports_what_lies_beside_it_in_every_usual_way",
-    "an edited helper": "tests/vr/authoring/test_helpers.py::test_an_edited_helper_is_never_stale",
-    "a thread pool": "tests/vr/core/test_thread_pools.py::"
-    "test_a_thread_pool_works_for_the_command_with_keys_that_repeat",
-    "units on the way": "tests/vr/core/test_exposed_units.py::"
-    "test_arguments_and_results_are_converted_on_the_way",
-    "six steps": "tests/vr/core/test_progress.py::test_each_of_six_quick_steps_is_told",
-    "print": "tests/vr/network/test_logs_of_robots.py::"
-    "test_print_logging_and_warnings_are_in_the_robots_own_log",
-    "check": "tests/tui/test_authoring.py::test_check_prints_file_line_and_what_to_write",
-    "new": "tests/tui/test_authoring.py::test_a_new_page_passes_its_check_and_nothing_is_overwritten",
-    "an installed wheel": "tests/architecture/test_wheel.py::"
-    "test_an_author_tests_a_page_of_the_guide_in_an_empty_folder",
-    "the guide": "tests/guide/test_guide.py::test_a_chapter_is_played",
-}
 Metres = Annotated[float, Unit("m"), Range(0, 1)]
-
-
-@pytest.mark.parametrize("story", TOLD_ELSEWHERE)
-def test_a_story_that_is_told_elsewhere_is_told(story: str) -> None:
-    file, _, name = TOLD_ELSEWHERE[story].partition("::")
-    functions = ast.walk(ast.parse((ROOT / file).read_text()))
-    assert name in {
-        function.name
-        for function in functions
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
-    }
 
 
 # -- an optional child -----------------------------------------------------------------------------

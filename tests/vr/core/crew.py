@@ -9,7 +9,6 @@ import msgspec
 import pytest
 
 from robotree.vr import Child, ChildCancelled, Range, Robot, Unit, VirtualRobot, VrError, command
-from robotree.vr.base.errors import CommandFailed
 
 Metres = Annotated[float, Unit("m"), Range(-5, 5), "ahead"]
 
@@ -112,14 +111,6 @@ class Driver(VirtualRobot):
                 self.right.move(1)
             case _:
                 self.left._private()
-
-    @command
-    def catch(self) -> str:
-        try:
-            self.left.fall()
-        except CommandFailed as error:
-            return str(error)
-        return ""
 
     @command
     def persistent(self) -> str:

@@ -10,7 +10,6 @@ from typing import Annotated, Any, ClassVar
 import pytest
 
 from robotree.vr import Child, Robot, Unit, VirtualRobot, VrError, command
-from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import (
     CommandCancelled,
@@ -27,9 +26,7 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.running.frame import LONGEST_END
-from robotree.vr.running.process import Process
-from robotree.vr.world.network import MemoryNetwork
-from tests.vr.core.conftest import member, runner_here
+from tests.vr.core.conftest import member
 
 TERM = 5.0
 
@@ -124,15 +121,6 @@ async def test_only_the_parent_commands_but_anybody_may_ask_and_stop(realm: Any)
     await client.safe_stop("look out")
 
 
-async def test_epochs_of_former_bonds_are_refused(realm: Any) -> None:
-    rover, pair = await bound(realm)
-    epoch = (await realm.client(rover).describe()).epoch
-    await realm.client(pair).free("left")
-    with pytest.raises(StaleEpoch):
-        await realm.client(rover).call("move", {"x": 1}, epoch=epoch)
-    assert (await realm.client(rover).describe()).epoch > epoch
-
-
 async def test_the_commands_of_a_bond_end_with_it(realm: Any) -> None:
     rover, pair = await bound(realm)
     moving = asyncio.create_task(realm.client(pair).call("move", {"x": 30}))
@@ -176,13 +164,15 @@ async def test_a_bond_that_cannot_be_is_refused_in_one_sentence(
     await realm.client(pair).enslave("right", addresses["other"])  # nothing is lost
 
 
-async def test_two_parents_that_want_the_same_child_at_once(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    pairs = [await realm.start(Pair(name)) for name in ("pair-1", "pair-2")]
-    results = await asyncio.gather(
-        *(realm.client(pair).enslave("left", rover.address) for pair in pairs), return_exceptions=True
-    )
-    assert [type(result) for result in results].count(LeaseDenied) == 1
+@pytest.mark.parametrize("count", [2, 3])
+async def test_a_ring_of_robots_that_closes_at_once_opens_again(realm: Any, count: int) -> None:
+    boxes = [await realm.start(Box(f"box-{number}")) for number in range(count)]
+    ring = zip(boxes, [*boxes[1:], boxes[0]], strict=True)
+    questions = [realm.client(parent).enslave("inner", child.address) for parent, child in ring]
+    await asyncio.gather(*questions, return_exceptions=True)
+    await realm.until(lambda: realm.listed() != [], within=2 * TERM)
+    await asyncio.sleep(TERM)
+    assert None in [box.description().bond for box in boxes]
 
 
 # -- loss ------------------------------------------------------------------------------------------
@@ -256,23 +246,6 @@ async def test_a_child_that_was_used_meanwhile_does_not_return(realm: Any) -> No
     assert rebound.slot("left").lost == "", "whoever asks for it gets it"
 
 
-async def test_a_child_that_was_released_does_not_return(realm: Any) -> None:
-    rover, pair = await bound(realm)
-    await realm.client(pair).free("left")
-    with pytest.raises(TimeoutError):
-        await realm.until(lambda: rover.description().bond is not None, within=TERM)
-
-
-async def test_the_parent_believes_the_bond_over_before_the_child_does(realm: Any) -> None:
-    realm.network.lease, realm.network.delay = 1000.0, 0.1
-    rover, pair = await bound(realm)
-    realm.network.cut(rover.transport, pair.transport)
-    await realm.until(lambda: pair.description().slot("left").child is None, within=TERM)
-    assert rover.description().bond is not None
-    assert "did not answer for 5 s" in pair.description().slot("left").lost
-    await realm.until(lambda: rover.description().bond is None, within=1.0)
-
-
 async def test_a_lost_child_leaves_an_empty_slot_with_the_reason(realm: Any) -> None:
     rover, pair = await bound(realm)
     realm.kill(rover)
@@ -309,12 +282,11 @@ async def test_a_robot_made_again_under_the_old_name_is_not_commanded_by_mistake
 
 
 @pytest.mark.real_threads
-@pytest.mark.parametrize("trouble", ["spin", "hang"])
-async def test_a_parent_whose_command_never_returns_keeps_its_children(realm: Any, trouble: str) -> None:
-    rover, pair = await bound(realm, term=0.5)
+async def test_a_parent_whose_command_never_returns_keeps_its_children(realm: Any) -> None:
+    rover, pair = await bound(realm, term=1.0)
     epoch = rover.description().epoch
-    stuck = asyncio.create_task(realm.client(pair).call(trouble, {}, deadline=1.5))
-    await asyncio.sleep(1.2)
+    stuck = asyncio.create_task(realm.client(pair).call("hang", {}, deadline=2.5))
+    await asyncio.sleep(2.0)
     assert not stuck.done()
     assert rover.description().epoch == epoch
     assert rover.description().bond is not None
@@ -323,34 +295,11 @@ async def test_a_parent_whose_command_never_returns_keeps_its_children(realm: An
     assert rover.description().epoch == epoch
 
 
-@pytest.mark.real_threads
-@pytest.mark.parametrize("trouble", ["spin", "hang"])
-async def test_a_neighbour_whose_command_never_returns_disturbs_nobody(realm: Any, trouble: str) -> None:
-    """Two virtual robots of one host; one of them is stuck."""
-    rover, pair = await bound(realm, term=0.5)
-    neighbour = await realm.start(Pair("neighbour"), pair.transport)
-    stuck = asyncio.create_task(realm.client(neighbour).call(trouble, {}, deadline=1.5))
-    epoch = rover.description().epoch
-    await asyncio.sleep(1.2)
-    assert (await realm.client(pair).describe()).slot("left").child == rover.address
-    assert rover.description().epoch == epoch
-    await asyncio.gather(stuck, return_exceptions=True)
-
-
 async def test_a_name_can_be_used_again_as_soon_as_its_robot_is_deleted(realm: Any) -> None:
     box = await realm.start(Box("box"))
     await realm.client(box).delete()
     again = await realm.start(Box("box"))
     assert (await realm.client(again).describe()).address == again.address != box.address
-
-
-async def test_a_way_of_one_second_each_way_does_not_break_a_bond(realm: Any) -> None:
-    rover, pair = await bound(realm)
-    realm.network.delay = 1.0
-    epoch = rover.description().epoch
-    await asyncio.sleep(60.0)
-    assert rover.description().epoch == epoch
-    await realm.client(pair).free("left")
 
 
 # -- ends ------------------------------------------------------------------------------------------
@@ -440,25 +389,3 @@ async def test_a_robot_that_is_freed_and_changes_while_it_ends_is_not_listed_aga
     await ending
     assert "arrived" not in arrived
     realm.network.resume(member(rover))
-
-
-async def test_a_bonded_robot_whose_process_ends_in_order_is_noticed_by_its_parent(realm: Any) -> None:
-    rover, pair = await bound(realm)
-    await rover.close()
-    await realm.until(lambda: pair.description().slot("left").child is None, within=1.0)
-
-
-async def test_all_links_may_be_slow_and_bonds_still_work() -> None:
-    """Without a lookup service at all: robots stay commandable by those who know them."""
-    network, process = MemoryNetwork(delay=0.5), Process(runner_here())
-    rover = RobotAgent(Rover("rover"), network.join(), process=process)
-    pair = RobotAgent(Pair("pair"), network.join(), process=process)
-    await rover.start()
-    await pair.start()
-    operator = RobotClient(network.join(), pair.address)
-    await operator.enslave("left", rover.address)
-    assert rover.description().bond is not None
-    await operator.delete()
-    assert rover.description().bond is None
-    await pair.closed.wait()
-    await rover.close()

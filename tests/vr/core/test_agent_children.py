@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 
-from robotree.vr import CallFuture, CommandCancelled, DeadlineExceeded, SlotEmpty, VrError
+from robotree.vr import CommandCancelled, DeadlineExceeded, SlotEmpty, VrError
 from robotree.vr.base.errors import BadArgument, CommandFailed, NoSuchCommand
-from robotree.vr.running.child_call import ChildCall
 from robotree.vr.running.process import Process
 from tests.vr.core.crew import Driver, Rover, Top, crew
 
@@ -76,11 +75,6 @@ async def test_the_fault_is_named_where_it_is(
     with pytest.raises(error) as raised:
         await realm.client(driver).call("clumsy", {"how": how})
     assert str(raised.value).startswith(sentence)
-
-
-async def test_an_author_can_catch_what_a_child_raises(realm: Any) -> None:
-    driver, _ = await crew(realm)
-    assert (await realm.client(driver).call("catch", {})).startswith("rover-left.fall failed: ValueError")
 
 
 # -- what is passed down ---------------------------------------------------------------------------
@@ -198,8 +192,3 @@ async def test_what_a_grandchild_offers_is_seen_at_the_top_soon_after_it_came(re
     await realm.until(lambda: top.description().command("go").parameters == move.parameters, within=0.1)
     realm.kill(rover)
     await realm.until(lambda: not top.description().command("go").available, within=2.5)
-
-
-def test_a_future_is_what_the_contract_says() -> None:
-    contract = {name for name in vars(CallFuture) if not name.startswith("_")}
-    assert contract <= set(dir(ChildCall))

@@ -16,7 +16,6 @@ from robotree.vr.base.errors import (
     CommandCancelled,
     CommandFailed,
     DeadlineExceeded,
-    DuplicateName,
     Garbled,
     KeyReused,
     NoSuchCommand,
@@ -24,7 +23,7 @@ from robotree.vr.base.errors import (
     NotVirtual,
 )
 from robotree.vr.base.requests import DescribeHost, Raised, decode_reply
-from robotree.vr.core.machine import LONGEST_QUEUE, MOST_READERS
+from robotree.vr.core.machine import MOST_READERS
 from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.client import RobotClient
 from tests.vr.core.crew import Where
@@ -86,35 +85,6 @@ async def test_progress_is_heard_on_the_way(realm: Any) -> None:
     await realm.client(rover).call("move", {"x": 10}, on_progress=lambda *word: heard.append(word))
     assert [fraction for fraction, _ in heard][:9] == pytest.approx([n / 10 for n in range(1, 10)])
     assert heard[0][1] == "rolling"
-
-
-async def test_one_command_at_a_time_in_their_order(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    calls = [asyncio.create_task(realm.client(rover).call("move", {"x": x})) for x in (3, 1, 2)]
-    await asyncio.gather(*calls)
-    assert rover.robot.done == ["move 3", "move 1", "move 2"]
-    assert loop.time() - began >= 6.0
-
-
-async def test_a_reading_command_passes_the_moving_one(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    moving = asyncio.create_task(realm.client(rover).call("move", {"x": 10}))
-    await realm.until(lambda: rover.description().busy == "move")
-    assert (await realm.client(rover).call("get_info", {}))["moves"] == 0
-    assert not moving.done()
-    await moving
-
-
-async def test_a_full_queue_refuses_and_loses_nothing(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    calls = [
-        asyncio.create_task(realm.client(rover).call("move", {"x": 1})) for _ in range(LONGEST_QUEUE + 2)
-    ]
-    results = await asyncio.gather(*calls, return_exceptions=True)
-    assert [type(result) for result in results if result is not None] == [Busy]
-    assert len(rover.robot.done) == LONGEST_QUEUE + 1
 
 
 @pytest.mark.parametrize(
@@ -199,21 +169,6 @@ async def test_the_same_call_twice_is_carried_out_once_and_answered_twice(realm:
         await realm.client(rover).call("move", {"x": 2}, key=key)
 
 
-async def test_a_failure_is_replayed_too(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    for _ in range(2):
-        with pytest.raises(CommandFailed):
-            await realm.client(rover).call("stumble", {}, key="k")
-    assert rover.description().calls == {"stumble": 1}
-
-
-async def test_one_way_is_over_when_the_command_is_accepted(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    await realm.client(rover).tell("move", {"x": 5})
-    assert rover.robot.done == []
-    await realm.until(lambda: rover.robot.done == ["move 5"])
-
-
 async def test_a_command_is_cancelled_by_its_key_or_with_all_others(realm: Any) -> None:
     rover = await realm.start(Rover("rover"))
     client = realm.client(rover)
@@ -251,35 +206,11 @@ async def test_a_call_that_comes_after_its_caller_gave_up_is_not_carried_out(rea
     assert rover.robot.done == []
 
 
-async def test_a_key_that_was_cancelled_before_it_came_stays_so(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    await realm.client(rover).cancel("k", reason="the caller gave up")
-    with pytest.raises(CommandCancelled, match="the caller gave up"):
-        await realm.client(rover).call("move", {"x": 1}, key="k")
-
-
 async def test_a_command_knows_its_papers(realm: Any) -> None:
     rover = await realm.start(Rover("rover"))
     papers = await realm.client(rover).call("papers", {}, deadline=30.0, caller="ahmad", key="k")
     assert (papers["key"], papers["caller"]) == ("k", "ahmad")
     assert papers["deadline_at"] == pytest.approx(asyncio.get_running_loop().time() + 30.0, abs=0.5)
-
-
-async def test_calls_are_counted_by_command(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    for _ in range(3):
-        await realm.client(rover).call("get_info", {})
-    await realm.client(rover).call("move", {"x": 1})
-    with pytest.raises(BadArgument):
-        await realm.client(rover).call("move", {"x": 99})
-    assert (await realm.client(rover).describe()).calls == {"get_info": 3, "move": 1}
-
-
-async def test_a_second_robot_of_the_same_name_is_refused(realm: Any) -> None:
-    await realm.start(Rover("rover"))
-    with pytest.raises(DuplicateName, match="a robot named 'rover' is already running"):
-        await realm.start(Rover("rover"))
-    await realm.start(Rover("rover-2"))
 
 
 async def test_a_robot_that_has_children_by_nature_alone_can_be_deleted_or_bound(realm: Any) -> None:

@@ -312,18 +312,6 @@ async def test_a_child_that_comes_to_a_paused_parent_is_paused(homes: Any, paint
     await until_paused(homes, painter)
 
 
-async def test_the_pause_of_a_child_from_before_its_bond_ends_with_a_continue_of_its_parent(
-    homes: Any, painter: Any
-) -> None:
-    studio = await homes.start(Studio("studio"))
-    await homes.client(painter).pause()
-    await homes.client(studio).enslave("painter", painter.address)
-    await asyncio.sleep(10)  # each renewal says that the parent is not paused
-    assert painter.description().paused
-    await homes.client(studio).go_on()
-    await until_paused(homes, painter, paused=False)
-
-
 async def test_a_child_that_did_not_hear_of_a_pause_hears_of_it_by_the_next_renewal(
     realm: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -337,16 +325,6 @@ async def test_a_child_that_did_not_hear_of_a_pause_hears_of_it_by_the_next_rene
     assert lost
     assert not painter.description().paused
     await until_paused(realm, painter)
-
-
-async def test_a_renewal_that_comes_late_ends_no_pause(homes: Any, studio: Any) -> None:
-    painter = studio.painter
-    lease, before = painter.runtime.lease, studio.runtime.look(lambda state: state.pause.changes)
-    await homes.client(studio).pause()
-    await until_paused(homes, painter)
-    late = on.Prolong(parent=lease.parent, epoch=lease.epoch, lineage=lease.lineage, pauses=before)
-    painter.runtime.post(late)
-    assert painter.description().paused
 
 
 async def test_what_is_no_page_cannot_be_paused_and_what_is_not_paused_takes_no_single_step(

@@ -15,7 +15,6 @@ from robotree.vr.base.errors import (
     BadEntry,
     CommandFailed,
     EntryUnfit,
-    FenceHeld,
     FenceLost,
     KeyTaken,
     NoSpace,
@@ -222,18 +221,6 @@ async def test_a_cancel_ends_a_take_and_takes_nothing(realm: Any) -> None:
 
 
 @pytest.mark.usefixtures("space")
-async def test_a_robot_that_dies_while_it_waits_takes_nothing(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
-    taking = asyncio.create_task(call(realm, other, "fetch", within=50))
-    await asyncio.sleep(1)
-    realm.kill(other)
-    with pytest.raises(VrError):
-        await taking
-    await call(realm, one, "put", place="hall")
-    assert await call(realm, one, "look") == ["Delivery hall"]
-
-
-@pytest.mark.usefixtures("space")
 async def test_a_transaction_is_all_or_nothing(realm: Any) -> None:
     one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
     await call(realm, one, "put", place="hall")
@@ -282,16 +269,6 @@ async def test_a_taker_that_dies_or_is_cancelled_gives_back(realm: Any) -> None:
 
 
 @pytest.mark.usefixtures("space")
-async def test_a_lease_ends_an_entry(realm: Any) -> None:
-    one = await realm.start(Worker("one"))
-    await call(realm, one, "put", place="hall", lease=5)
-    await asyncio.sleep(4)
-    assert await call(realm, one, "look") == ["Delivery hall"]
-    await asyncio.sleep(2)
-    assert await call(realm, one, "look") == []
-
-
-@pytest.mark.usefixtures("space")
 async def test_a_notification_is_a_hint(realm: Any) -> None:
     one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
     await call(realm, one, "put", place="hall")  # before: no hint
@@ -304,17 +281,6 @@ async def test_a_notification_is_a_hint(realm: Any) -> None:
     await call(realm, one, "put", place="hall")
     assert await listening == 2
     assert await call(realm, other, "listen", times=1) == 0, "its time is over"
-
-
-@pytest.mark.usefixtures("space")
-async def test_one_at_a_time_holds_a_fence(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
-    holding = asyncio.create_task(call(realm, one, "hold", seconds=3))
-    await asyncio.sleep(1)
-    with pytest.raises(FenceHeld, match=r"door is held by one for 4\.?\d* s more"):
-        await call(realm, other, "hold", seconds=0)
-    later = asyncio.create_task(call(realm, other, "hold", seconds=1, within=10))
-    assert await holding < await later
 
 
 @pytest.mark.usefixtures("space")

