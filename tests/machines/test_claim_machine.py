@@ -183,5 +183,5 @@ class ClaimMachine(RuleBasedStateMachine):
         assert all(client.denied is not None and client.denied.name == holder for client in others)
 
 
-ClaimMachine.TestCase.settings = settings(max_examples=120, stateful_step_count=40, deadline=None)
+ClaimMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
 TestClaims = ClaimMachine.TestCase

@@ -893,7 +893,7 @@ class CoreMachine(RuleBasedStateMachine):
 class TestCoreMachine(CoreMachine.TestCase):
     """Play; every type of event that a core knows must have its turn."""
 
-    settings = settings(max_examples=300, stateful_step_count=40, deadline=None)
+    settings = settings(max_examples=120, stateful_step_count=40, deadline=None)
 
     def runTest(self) -> None:  # noqa: N802 # as unittest calls it
         CoreMachine.played.clear()

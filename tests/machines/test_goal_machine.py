@@ -268,5 +268,5 @@ class GoalMachine(RuleBasedStateMachine):
         assert not any(client.pursued for client in self.clients.values()), "every pursuit ends"
 
 
-GoalMachine.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+GoalMachine.TestCase.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
 TestGoals = GoalMachine.TestCase

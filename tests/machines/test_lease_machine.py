@@ -259,4 +259,4 @@ class LeaseMachine(RuleBasedStateMachine):
 
 
 TestLeaseMachine = LeaseMachine.TestCase
-TestLeaseMachine.settings = settings(max_examples=300, stateful_step_count=50, deadline=None)
+TestLeaseMachine.settings = settings(max_examples=100, stateful_step_count=50, deadline=None)

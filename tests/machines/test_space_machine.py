@@ -345,7 +345,7 @@ def play(start: Callable[[], SpaceMachine], examples: int) -> int:
 
 
 def test_a_space_in_memory_is_a_list() -> None:
-    assert play(lambda: SpaceMachine(stores.memory()), 100) > 100
+    assert play(lambda: SpaceMachine(stores.memory()), 60) > 60
 
 
 def test_a_space_in_a_file_is_a_list_that_survives_its_process(tmp_path: Path) -> None:
@@ -361,7 +361,7 @@ def test_a_space_in_a_file_is_a_list_that_survives_its_process(tmp_path: Path) -
 
         return SpaceMachine(stores.sqlite(path), reopen)
 
-    assert play(start, 40) > 40
+    assert play(start, 20) > 20
 
 
 @pytest.fixture(scope="module")
@@ -379,4 +379,4 @@ def test_a_space_in_postgresql_is_a_list_that_survives_its_processes(database: S
         old.close()
         return True
 
-    assert play(lambda: SpaceMachine(stores.postgres(database), reopen), 20) > 20
+    assert play(lambda: SpaceMachine(stores.postgres(database), reopen), 8) > 8

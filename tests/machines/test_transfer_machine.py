@@ -183,5 +183,5 @@ class Transfers(RuleBasedStateMachine):
         assert not any(host.out for host in self.hosts.values())
 
 
-Transfers.TestCase.settings = settings(max_examples=150, stateful_step_count=60, deadline=None)
+Transfers.TestCase.settings = settings(max_examples=80, stateful_step_count=60, deadline=None)
 test_of_two_hosts_exactly_one_has_the_robot = Transfers.TestCase

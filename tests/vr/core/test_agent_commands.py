@@ -23,7 +23,7 @@ from robotree.vr.base.errors import (
     NotVirtual,
 )
 from robotree.vr.base.requests import DescribeHost, Raised, decode_reply
-from robotree.vr.core.machine import MOST_READERS
+from robotree.vr.core.machine import LONGEST_QUEUE, MOST_READERS
 from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.client import RobotClient
 from tests.vr.core.crew import Where
@@ -85,6 +85,26 @@ async def test_progress_is_heard_on_the_way(realm: Any) -> None:
     await realm.client(rover).call("move", {"x": 10}, on_progress=lambda *word: heard.append(word))
     assert [fraction for fraction, _ in heard][:9] == pytest.approx([n / 10 for n in range(1, 10)])
     assert heard[0][1] == "rolling"
+
+
+async def test_one_command_at_a_time_in_their_order(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    calls = [asyncio.create_task(realm.client(rover).call("move", {"x": x})) for x in (3, 1, 2)]
+    await asyncio.gather(*calls)
+    assert rover.robot.done == ["move 3", "move 1", "move 2"]
+    assert loop.time() - began >= 6.0
+
+
+async def test_a_full_queue_refuses_and_loses_nothing(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    calls = [
+        asyncio.create_task(realm.client(rover).call("move", {"x": 1})) for _ in range(LONGEST_QUEUE + 2)
+    ]
+    results = await asyncio.gather(*calls, return_exceptions=True)
+    assert [type(result) for result in results if result is not None] == [Busy]
+    assert len(rover.robot.done) == LONGEST_QUEUE + 1
 
 
 @pytest.mark.parametrize(

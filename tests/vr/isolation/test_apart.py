@@ -35,7 +35,7 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate
 from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.exchange.client import HostClient, RobotClient
-from robotree.vr.isolation import apart, pipe
+from robotree.vr.isolation import apart
 from robotree.vr.isolation.apart import ApartSetting, RobotsApart
 from robotree.vr.isolation.nursery import BOX
 from robotree.vr.journal.journal import HostJournal
@@ -174,31 +174,6 @@ async def test_a_guest_can_be_called_and_can_do_no_harm(
     assert place.host.description().pages["guest"]
 
 
-async def test_it_commands_whom_somebody_has_put_under_it(place: Place) -> None:
-    guest, helper = await place.create(), await place.create("helper")
-    with pytest.raises(VrError, match="helper"):
-        await guest.call("add_by_helper", {"a": 1, "b": 2})
-    await guest.enslave("helper", helper.address)
-    assert await guest.call("add_by_helper", {"a": 1, "b": 2}) == 3
-    apart_ = place.host.apart
-    assert apart_ is not None
-    assert [kept.children for kept in apart_.kept()] == [("helper",), ()]  # for its next process
-    apart_.robots["guest"]._judge.children.clear()  # pyright: ignore[reportPrivateUsage] # as if it had forged the bond
-    with pytest.raises(VrError, match="nobody has put helper under it"):
-        await guest.call("add_by_helper", {"a": 1, "b": 2})
-
-
-async def test_a_stop_and_a_resume_go_down_to_its_child(place: Place) -> None:
-    guest, helper = await place.create(), await place.create("helper")
-    await guest.enslave("helper", helper.address)
-    for _ in range(2):
-        await guest.safe_stop("a person says so")
-        assert (await helper.describe()).stopped
-        assert set(await guest.resume()) == {"guest", "helper"}
-        assert not (await helper.describe()).stopped
-    assert await guest.call("add_by_helper", {"a": 1, "b": 2}) == 3
-
-
 LIMITED = """# /// script
 # [tool.robotree.permissions]
 # commands = ["Guest.add"]
@@ -206,15 +181,30 @@ LIMITED = """# /// script
 """
 
 
-async def test_a_page_of_limited_permissions_is_put_over_a_robot_and_commands_it(
-    place: Place, tmp_path: Path
-) -> None:
+async def test_it_commands_whom_somebody_has_put_under_it(place: Place, tmp_path: Path) -> None:
     page = tmp_path / "limited.py"
     page.write_text(LIMITED + SOURCE)
-    guest, helper = await place.create(page=str(page)), await place.create("helper")
-    await guest.enslave("helper", helper.address)
+    guest, helper = await place.create(), await place.create("helper")
+    limited, other = await place.create("limited", page=str(page)), await place.create("other")
+    with pytest.raises(VrError, match="helper"):
+        await guest.call("add_by_helper", {"a": 1, "b": 2})
+    for above, below in ((guest, helper), (limited, other)):
+        await above.enslave("helper", below.address)
+        assert await above.call("add_by_helper", {"a": 1, "b": 2}) == 3
+    assert place.pid("limited") > 0, "it has not been ended"
+    for _ in range(2):
+        await guest.safe_stop("a person says so")
+        assert (await helper.describe()).stopped
+        assert set(await guest.resume()) == {"guest", "helper"}
+        assert not (await helper.describe()).stopped
     assert await guest.call("add_by_helper", {"a": 1, "b": 2}) == 3
-    assert place.pid() > 0, "it has not been ended"
+    apart_ = place.host.apart
+    assert apart_ is not None
+    kept = {each.create.name: each.children for each in apart_.kept()}  # for its next process
+    assert kept == {"guest": ("helper",), "helper": (), "limited": ("other",), "other": ()}
+    apart_.robots["guest"]._judge.children.clear()  # pyright: ignore[reportPrivateUsage] # as if it had forged the bond
+    with pytest.raises(VrError, match="nobody has put helper under it"):
+        await guest.call("add_by_helper", {"a": 1, "b": 2})
 
 
 async def test_a_command_goes_on_after_a_crash_and_ends_after_a_second_one(place: Place) -> None:
@@ -258,34 +248,32 @@ async def test_one_that_is_given_up_says_why_until_it_is_deleted_and_can_be_made
     assert await (await place.create()).call("add", {"a": 2, "b": 2}) == 4
 
 
-@pytest.mark.parametrize("order", ["", "stop", "cancel"])
 async def test_what_is_ordered_while_it_is_given_up_holds_when_its_host_is_back(
-    place: Place, monkeypatch: pytest.MonkeyPatch, order: str
+    place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(apart, "GIVES_UP", 1)
-    guest, mark = await place.create(), place.folder / "h1" / "apart" / "guest" / "mark"
-    await guest.tell("crash_and_go_on", {"mark": str(mark)}, deadline=3600.0)
-    await until(place.is_given_up)
-    if order == "stop":
-        await guest.safe_stop("a person says so")
-        assert (await guest.describe()).stop_reason == "a person says so"
-    elif order == "cancel":
-        await guest.cancel()
+    marks: dict[str, Path] = {}
+    for name in ("free", "stopped", "cancelled"):
+        guest = await place.create(name)
+        marks[name] = place.folder / "h1" / "apart" / name / "mark"
+        await guest.tell("crash_and_go_on", {"mark": str(marks[name])}, deadline=3600.0)
+        await until(lambda name=name: place.is_given_up(name))
+    await place.robot("stopped").safe_stop("a person says so")
+    assert (await place.robot("stopped").describe()).stop_reason == "a person says so"
+    await place.robot("cancelled").cancel()
     await place.end()
     await place.start()
-    if not order:
-        await until(lambda: mark.read_text() == "went on")  # as it is said: it goes on from there
-        return
-    assert (await guest.describe()).stopped == (order == "stop")
-    if order == "stop":
-        with pytest.raises(VrError, match="a person says so"):
-            await guest.call("add", {"a": 1, "b": 2})
-        await guest.resume()
-    assert await guest.call("add", {"a": 1, "b": 2}) == 3, "nothing else goes on"
-    assert mark.read_text() == "begun"
+    await until(lambda: marks["free"].read_text() == "went on")  # as it is said: it goes on from there
+    assert [(await place.robot(name).describe()).stopped for name in marks] == [False, True, False]
+    with pytest.raises(VrError, match="a person says so"):
+        await place.robot("stopped").call("add", {"a": 1, "b": 2})
+    await place.robot("stopped").resume()
+    for name in ("stopped", "cancelled"):
+        assert await place.robot(name).call("add", {"a": 1, "b": 2}) == 3, "nothing else goes on"
+        assert marks[name].read_text() == "begun"
     await place.end()  # and what was resumed is not stopped again
     await place.start()
-    assert await guest.call("add", {"a": 1, "b": 2}) == 3
+    assert await place.robot("stopped").call("add", {"a": 1, "b": 2}) == 3
 
 
 async def test_a_stop_that_cannot_be_kept_is_not_confirmed(
@@ -355,13 +343,16 @@ async def test_a_stop_that_was_left_while_its_host_hung_holds_when_it_is_back(
 ) -> None:
     """It goes on, and writes its log, while its host hangs, and then both are killed."""
     guest = await place.create()
-    folder = tmp_path / "h1" / "apart" / "guest"
+    folder, pid = tmp_path / "h1" / "apart" / "guest", place.pid()
     assert leave_stop(folder, ["guest"], "halt") == ()
     assert leave_stop(folder, [], "halt") == ("guest",)
     assert await guest.call("add", {"a": 1, "b": 2}) == 3
     await place.end()
+    await until(lambda: not _runs(pid))
     await place.start()
     assert (await guest.describe()).stop_reason == "halt, while its host was away"
+    events = await place.host.answer(_request(ReadEvents(robot="guest")))
+    assert events.events  # type: ignore[union-attr] # `EventsRead`
     await guest.resume()
     await place.end()
     await place.start()
@@ -369,6 +360,7 @@ async def test_a_stop_that_was_left_while_its_host_hung_holds_when_it_is_back(
     assert leave_stop(folder, [], "halt") == ("guest",)
     await guest.delete()
     await until(lambda: leave_stop(folder, [], "halt") == ())  # there is nobody any more
+    await until(lambda: not list(folder.parent.iterdir()))
     await place.create()
     await place.end()
     await place.start()
@@ -389,20 +381,6 @@ def test_a_stop_of_everything_is_left_for_each_robot_apart_and_says_at_which_hos
     assert stop_left(folder / "guest"), "it is another one that is resumed"
     away.take_stop_back("test", "guest")
     assert not stop_left(folder / "guest")
-
-
-async def test_it_is_back_with_its_host_and_gone_when_it_is_deleted(place: Place) -> None:
-    guest = await place.create()
-    pid = place.pid()
-    await place.end()
-    await until(lambda: not _runs(pid))
-    await place.start()
-    assert await guest.call("add", {"a": 3, "b": 4}) == 7
-    events = await place.host.answer(_request(ReadEvents(robot="guest")))
-    assert events.events  # type: ignore[union-attr] # `EventsRead`
-    await guest.delete()
-    await until(lambda: not place.host.description().robots)
-    await until(lambda: not list((place.folder / "h1" / "apart").iterdir()))
 
 
 async def test_it_is_ended_for_good_when_it_forges(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -483,25 +461,6 @@ async def test_a_page_has_its_helpers_and_a_place_for_files_that_nobody_keeps(
     word, file = (await robot.call("say", {})).split()
     assert word == "helped"
     assert file.startswith(str(place.folder / "h1" / "apart" / "helped"))
-
-
-async def test_a_host_that_keeps_its_robots_apart_runs_none_itself(place: Place) -> None:
-    place.host.isolate = "process"
-    bundle = Bundle.read(PAGE)
-    robot = await HostClient(place.operator, place.host.address).create(bundle, "guest", None, "none")
-    assert await RobotClient(place.operator, robot.address).call("pid", {}) == place.pid()
-    assert not place.host.agents
-
-
-async def test_what_it_sends_and_cannot_be_used_ends_it_and_nobody_else(place: Place) -> None:
-    guest = await place.create()
-    assert place.host.apart is not None
-    robot = place.host.apart.robots["guest"]
-    robot._takers[pipe.Alive] = lambda _: robot._be_up(pipe.Up(b"\xff", "x"))  # pyright: ignore[reportPrivateUsage]
-    await until(lambda: not place.host.description().robots)
-    with pytest.raises(VrError):
-        await guest.call("add", {"a": 1, "b": 1})
-    assert await (await place.create("other")).call("add", {"a": 1, "b": 1}) == 2
 
 
 async def test_a_page_that_must_be_kept_apart_replaces_none_that_is_not(place: Place) -> None:

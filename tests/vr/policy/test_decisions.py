@@ -240,7 +240,7 @@ def plainly(content: dict[str, Any], person: Person, right: str, name: str) -> b
     return any(re.fullmatch(re.escape(one).replace(r"\*", ".*"), name) for one in patterns)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(policies(), ASKERS, st.sampled_from(["see", "command", "release", STOP]), NAMES)
 def test_it_decides_as_the_guide_says(content: dict[str, Any], person: Person, right: str, name: str) -> None:
     policy = written(content)
@@ -252,7 +252,7 @@ def test_it_decides_as_the_guide_says(content: dict[str, Any], person: Person, r
         assert fits(line, name), "the line that is named is the one that allows it"
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(policies(), ASKERS, st.sampled_from(["see", "command", "release"]), NAMES)
 def test_a_line_more_takes_nothing_away(
     content: dict[str, Any], person: Person, right: str, name: str
