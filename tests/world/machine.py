@@ -199,7 +199,7 @@ class SimulatedSystem(Descriptors):
         return pid in self.machine.systems
 
     def text(self, path: Path) -> str:
-        """See `Files.text`: what Linux shows of listening sockets and of a process."""
+        """See `OSFiles.text`: what Linux shows of listening sockets and of a process."""
         self.machine.call()
         if path == _UNIX_SOCKETS:
             lines = (
@@ -299,7 +299,7 @@ class SimulatedSystem(Descriptors):
         return len(data)
 
     def append(self, descriptor: int, data: bytes) -> int:
-        """See `Files.append`. On a full disk a part of it may find room."""
+        """See `OSFiles.append`. On a full disk a part of it may find room."""
         self.machine.call()
         file = self._file(descriptor)
         if self.machine.disk_full:

@@ -61,13 +61,13 @@ class SimulatedSocket:
         return self.number
 
     def setblocking(self, flag: bool, /) -> None:  # noqa: FBT001 # as `socket.socket`
-        """See `Socket.setblocking`: none waits."""
+        """As `socket.socket.setblocking`: none waits."""
 
     def settimeout(self, seconds: float | None, /) -> None:
-        """See `Socket.settimeout`: none waits."""
+        """As `socket.socket.settimeout`: none waits."""
 
     def getpeername(self) -> str:
-        """See `Socket.getpeername`: nobody shares a realm here."""
+        """As `socket.socket.getpeername`: nobody shares a realm here."""
         return ""
 
     def send(self, data: Any, flags: int = 0, /) -> int:
@@ -298,7 +298,7 @@ class SimulatedEpoll:
         self.forget(fd)
 
     def poll(self, timeout: float | None = None, /) -> list[tuple[int, int]]:
-        """See `Epoll.poll`. Of several that wait, the one that came last is woken."""
+        """As `select.epoll.poll`. Of several that wait, the one that came last is woken."""
         self._check_open()
         self.kernel.call()
         found = self._take()

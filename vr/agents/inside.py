@@ -42,7 +42,7 @@ from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import ITSELF, Credentials, Principal
 from robotree.vr.base.requests import Described, SafeStop, encode
-from robotree.vr.base.system import OS
+from robotree.vr.base.system import System
 from robotree.vr.base.transport import ELSEWHERE, Occupied, OnReply
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate
@@ -243,7 +243,7 @@ class GateInside(PolicyGate):
             raise PermitRefused(permit=call.permit or "none", reason=reason)
 
 
-class _System(OS):
+class _System(System):
     """The machine, with the process that others see: the host."""
 
     def __init__(self, begin: pipe.BeginFrame) -> None:

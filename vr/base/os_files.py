@@ -1,4 +1,4 @@
-"""The files, sockets and processes of the operating system, in the words of `System` (`system.py`).
+"""The files, sockets and processes of the operating system, as a `System` has them (`system.py`).
 
 It imports little, so that a stop can begin here before anything else is loaded (`network/lean_stop.py`).
 """
@@ -46,17 +46,21 @@ _CREDENTIALS = struct.Struct("3i")
 
 
 class OSFiles:
-    """See `system.Files`, where each method is described."""
+    """The parts of a machine that a process can look at: clocks, processes, files, listeners."""
 
     now = staticmethod(time.monotonic)
+    """Returns the time [s] on the machine's monotonic clock."""
     unix = staticmethod(time.time)
+    """Returns the time [s] since 1970."""
     pid = staticmethod(os.getpid)
     user = staticmethod(os.geteuid)
     chance = staticmethod(os.urandom)
+    """Returns so many random bytes."""
 
     # -- processes
 
     def lives(self, pid: int) -> bool:
+        """Whether a process has not ended."""
         try:
             os.kill(pid, 0)
         except ProcessLookupError:
@@ -66,53 +70,79 @@ class OSFiles:
         return True
 
     def text(self, path: Path) -> str:
+        """Read what the kernel tells in a file of /proc."""
         return path.read_text(errors="surrogateescape")
 
     # -- files
 
     def private_folder(self, path: Path) -> None:
+        """See that a folder is there which only this user can enter: `files.private_folder`, strict."""
         files.private_folder(path, strict=True)
 
     def names(self, folder: Path) -> list[str]:
+        """Return the names in a folder, in no order."""
         with os.scandir(folder) as entries:
             return [entry.name for entry in entries]
 
     def status(self, path: Path) -> os.stat_result:
+        """Return what is known of a name, which may be a link: lstat(2)."""
         return os.lstat(path)
 
     def opened(self, path: Path, *, writes: bool = False, makes: bool = False, empties: bool = False) -> int:
+        """Open an ordinary file, never through a link: `files.opened`.
+
+        Args:
+            path: of the file.
+            writes: whether it can be written, too.
+            makes: whether it is made if it is not there.
+            empties: whether what was in it is removed.
+        """
         access = os.O_RDWR if writes else os.O_RDONLY
         access |= (os.O_CREAT if makes else 0) | (os.O_TRUNC if empties else 0)
         return files.opened(path, access | os.O_NOFOLLOW)
 
     def null(self) -> int:
+        """Open the null device: a descriptor in reserve."""
         return os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
 
     def close(self, descriptor: int) -> None:
+        """Close a file."""
         os.close(descriptor)
 
     def read(self, path: Path, most: int) -> bytes:
+        """Read an ordinary file whole: `files.read`."""
         return files.read(path, most)
 
     def pread(self, descriptor: int, size: int, at: int) -> bytes:
+        """Read so many bytes at a place of a file; fewer, if it ends before."""
         return os.pread(descriptor, size, at)
 
     def pwrite(self, descriptor: int, data: bytes, at: int) -> int:
+        """Write at a place of a file; returns how much was written [bytes]."""
         return os.pwrite(descriptor, data, at)
 
     def append(self, descriptor: int, data: bytes) -> int:
+        """Write at the end of a file; returns how much was written [bytes]."""
         os.lseek(descriptor, 0, os.SEEK_END)
         return os.write(descriptor, data)
 
     def rename(self, path: Path, to: Path) -> None:
+        """Give a file or socket another name; what had that name is removed."""
         path.rename(to)
 
     def unlink(self, path: Path) -> None:
+        """Remove a name."""
         path.unlink()
 
     # -- sockets
 
     def listen(self, path: Path, backlog: int) -> socket.socket:
+        """Return a socket that listens under a name, and does not wait.
+
+        Args:
+            path: of the socket; it is not there yet.
+            backlog: connections that may wait.
+        """
         door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             door.setblocking(False)
@@ -126,6 +156,17 @@ class OSFiles:
         return door
 
     def dial(self, path: Path, timeout: float = 0.0) -> socket.socket:
+        """Return a connection to who listens under a name.
+
+        Args:
+            path: of the socket.
+            timeout: [s] of the connection, and to wait for a place in line; 0: it does not wait.
+
+        Raises:
+            ConnectionRefusedError: nobody listens there any more.
+            BlockingIOError: too many connections wait.
+            OSError: it cannot be connected to now.
+        """
         line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             line.settimeout(None if timeout else 0.0)
@@ -142,6 +183,7 @@ class OSFiles:
         return line
 
     def far_end(self, line: socket.socket) -> tuple[int, int]:
+        """Return process and user at the far end of a connection (SO_PEERCRED, unix(7))."""
         packed = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         process, user, _ = _CREDENTIALS.unpack(packed)
         return process, user

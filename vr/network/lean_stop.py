@@ -22,7 +22,7 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from robotree.vr.base.os_files import OS_FILES
+from robotree.vr.base.os_files import OS_FILES, OSFiles
 from robotree.vr.network.realms import (
     DEFAULT_REALM,
     REALM_VARIABLE,
@@ -37,9 +37,6 @@ from robotree.vr.network.realms import (
 
 TYPE_CHECKING = False
 """As `typing.TYPE_CHECKING`, which would take a while to import."""
-
-if TYPE_CHECKING:
-    from robotree.vr.base.system import Files
 
 REASON = "the operator's protective stop"
 """For those whose commands it ends."""
@@ -117,7 +114,7 @@ def understood(words: Sequence[str]) -> StopLine | None:
     return StopLine("".join(plain[1:]), realm, everywhere=everywhere)
 
 
-def send_first(words: Sequence[str], system: Files = OS_FILES) -> str:
+def send_first(words: Sequence[str], system: OSFiles = OS_FILES) -> str:
     """Send the stop that a line asks for.
 
     Args:
@@ -140,7 +137,7 @@ def send_first(words: Sequence[str], system: Files = OS_FILES) -> str:
     return order
 
 
-def _tell(folder: Path, tag: str, keys: Iterable[str], order: str, system: Files) -> None:
+def _tell(folder: Path, tag: str, keys: Iterable[str], order: str, system: OSFiles) -> None:
     with dial(folder, tag, DIAL_WITHIN, system) as line:
         if leads_to(line, folder, tag, system):
             line.sendall(frames(keys, order, system.now(), system))
@@ -149,7 +146,7 @@ def _tell(folder: Path, tag: str, keys: Iterable[str], order: str, system: Files
 # -- frames ----------------------------------------------------------------------------------------
 
 
-def frames(keys: Iterable[str], order: str, now: float, system: Files = OS_FILES) -> bytes:
+def frames(keys: Iterable[str], order: str, now: float, system: OSFiles = OS_FILES) -> bytes:
     """Return what is sent to one process: who speaks, and one request for each robot.
 
     Args:

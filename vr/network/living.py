@@ -10,13 +10,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from robotree.vr.base.os_files import OS_FILES
-
-TYPE_CHECKING = False
-"""As `typing.TYPE_CHECKING`, which would take a while to import."""
-
-if TYPE_CHECKING:
-    from robotree.vr.base.system import Files
+from robotree.vr.base.os_files import OS_FILES, OSFiles
 
 _SOCKETS = Path("/proc/net/unix")
 _LISTENS = 0x10000
@@ -25,7 +19,7 @@ _FIELDS = 8
 """Num, RefCount, Protocol, Flags, Type, St, Inode, Path."""
 
 
-def listening(directory: Path, system: Files = OS_FILES) -> set[str]:
+def listening(directory: Path, system: OSFiles = OS_FILES) -> set[str]:
     """Return the names, as they were given, of the sockets in a folder on which somebody listens.
 
     Args:
@@ -35,7 +29,7 @@ def listening(directory: Path, system: Files = OS_FILES) -> set[str]:
     return {path.name for path in listening_anywhere(system) if path.parent == directory}
 
 
-def listening_anywhere(system: Files = OS_FILES) -> list[Path]:
+def listening_anywhere(system: OSFiles = OS_FILES) -> list[Path]:
     """Return the paths, as they were given, of all sockets on which somebody listens, of any user."""
     found: list[Path] = []
     with contextlib.suppress(OSError):
@@ -46,12 +40,12 @@ def listening_anywhere(system: Files = OS_FILES) -> list[Path]:
     return found
 
 
-def alive(pid: int, system: Files = OS_FILES) -> bool:
+def alive(pid: int, system: OSFiles = OS_FILES) -> bool:
     """Whether a process has not ended."""
     return system.lives(pid)
 
 
-def asleep(pid: int, system: Files = OS_FILES) -> bool:
+def asleep(pid: int, system: OSFiles = OS_FILES) -> bool:
     """Whether a process is stopped, as by Ctrl-Z or `kill -STOP`, and so cannot answer anybody."""
     with contextlib.suppress(OSError, IndexError):
         stat = system.text(Path(f"/proc/{pid}/stat"))
@@ -59,7 +53,7 @@ def asleep(pid: int, system: Files = OS_FILES) -> bool:
     return False
 
 
-def remedy(pid: int, otherwise: str, system: Files = OS_FILES) -> str:
+def remedy(pid: int, otherwise: str, system: OSFiles = OS_FILES) -> str:
     """Return what a person can do about a process that runs and does not answer.
 
     Only of one that is stopped is it certain that it answers nobody. No other one is to be ended by force.

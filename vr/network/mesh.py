@@ -27,12 +27,12 @@ from functools import partial
 from typing import Any, Final
 
 from robotree.vr.base.errors import RealmUnusable, TooManyKeys
-from robotree.vr.base.os_files import BOTH_WAYS, ENDED, WRITABLE
+from robotree.vr.base.os_files import BOTH_WAYS, ENDED, WRITABLE, OSFiles
 from robotree.vr.base.pattern import Handlers, matches
 from robotree.vr.base.places import here_of
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.principal import Credentials
-from robotree.vr.base.system import THIS_SYSTEM, Files, Socket, System
+from robotree.vr.base.system import THIS_SYSTEM, Socket, System
 from robotree.vr.base.transport import ELSEWHERE, End, Occupied, OnReply, Respond
 from robotree.vr.network.door import Door
 from robotree.vr.network.link import (
@@ -1245,7 +1245,7 @@ def _rank(peer: _Peer, key: str) -> int:
     return peer.ranks.get(key, 0)
 
 
-def held_by(process: int, keys: Iterable[str], system: Files = THIS_SYSTEM) -> list[Held]:
+def held_by(process: int, keys: Iterable[str], system: OSFiles = THIS_SYSTEM) -> list[Held]:
     """Return what a process holds, and what a person can do if it does not answer."""
     sleeps = asleep(process, system)
     how = "which hangs" if sleeps else "which runs and could not be reached from here"

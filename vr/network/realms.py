@@ -15,14 +15,14 @@ from collections import Counter
 from pathlib import Path
 
 from robotree.files.private import OTHERS
-from robotree.vr.base.os_files import OS_FILES
+from robotree.vr.base.os_files import OS_FILES, OSFiles
 from robotree.vr.network.living import alive, listening_anywhere
 
 TYPE_CHECKING = False
 """As `typing.TYPE_CHECKING`, which would take a while to import."""
 
 if TYPE_CHECKING:
-    from robotree.vr.base.system import Files, Socket
+    from robotree.vr.base.system import Socket
 
 REALM_VARIABLE = "ROBOTREE_REALM"
 DEFAULT_REALM = "default"
@@ -110,7 +110,7 @@ def owner_of(directory: Path) -> int | None:
     return int(number) if name != number and number.isdecimal() else None
 
 
-def leads_to(line: Socket, directory: Path, tag: str, system: Files = OS_FILES) -> bool:
+def leads_to(line: Socket, directory: Path, tag: str, system: OSFiles = OS_FILES) -> bool:
     """Whether a connection leads to the process that has a tag, as the kernel says.
 
     In a shared realm another user could have put a link there, which leads to a socket of ours in another
@@ -128,7 +128,7 @@ def leads_to(line: Socket, directory: Path, tag: str, system: Files = OS_FILES) 
     return process == process_of(tag) and line.getpeername() == str(directory / f".{tag}")
 
 
-def places(directory: Path, system: Files = OS_FILES) -> list[Path]:
+def places(directory: Path, system: OSFiles = OS_FILES) -> list[Path]:
     """Return the folders in which the processes of one realm meet: this one and its twin.
 
     A service and a process of a login session that found a realm at the same moment found it in two folders.
@@ -168,7 +168,7 @@ def all_realms() -> list[Path]:
     return sorted(found, key=lambda path: (path.name, path))
 
 
-def members(directory: Path, system: Files = OS_FILES) -> list[str]:
+def members(directory: Path, system: OSFiles = OS_FILES) -> list[str]:
     """Return the tags of all processes with an entry in a realm's folder, also of those that have ended."""
     with contextlib.suppress(OSError):
         return sorted(entry[1] for name in system.names(directory) if (entry := _ENTRY.fullmatch(name)))
@@ -206,7 +206,7 @@ def sealed(lines: bytes) -> bytes:
     return seal(len(lines), zlib.crc32(lines)) + lines
 
 
-def keys_of(directory: Path, tag: str, system: Files = OS_FILES) -> list[str] | None:
+def keys_of(directory: Path, tag: str, system: OSFiles = OS_FILES) -> list[str] | None:
     """Return the keys under which a process is present, as it has written them down.
 
     None: that cannot be read here, or not any more, or it is damaged; the process mends it at its next beat.
@@ -224,7 +224,7 @@ def keys_of(directory: Path, tag: str, system: Files = OS_FILES) -> list[str] | 
     return None
 
 
-def to_be_asked(directory: Path, tag: str, name: str, system: Files = OS_FILES) -> list[str]:
+def to_be_asked(directory: Path, tag: str, name: str, system: OSFiles = OS_FILES) -> list[str]:
     """Return the keys under which robots of a process are asked, as it has written them down.
 
     If its list is damaged, or cannot be read, it is one pattern: the process knows which robots are meant.
@@ -241,7 +241,7 @@ def to_be_asked(directory: Path, tag: str, name: str, system: Files = OS_FILES) 
     return [key for key in keys if (found := _ROBOT.fullmatch(key)) and name in {"", found[1]}]
 
 
-def _content(directory: Path, tag: str, system: Files) -> bytes | None:
+def _content(directory: Path, tag: str, system: OSFiles) -> bytes | None:
     """Return what is in a process's list of keys; None: it cannot be read."""
     try:
         return system.read(directory / f"{tag}{HELD}", LONGEST_LIST)
@@ -289,7 +289,7 @@ def present_in(directory: Path) -> dict[str, list[str]]:
     return {role: [name for each, name in found if each == role] for role in {role for role, _ in found}}
 
 
-def dial(directory: Path, tag: str, timeout: float = 0.0, system: Files = OS_FILES) -> Socket:
+def dial(directory: Path, tag: str, timeout: float = 0.0, system: OSFiles = OS_FILES) -> Socket:
     """Connect to a process.
 
     Args:
@@ -321,7 +321,7 @@ def _twin(directory: Path) -> Path | None:
     return usual[0] / directory.name
 
 
-def _private(path: Path, system: Files) -> bool:
+def _private(path: Path, system: OSFiles) -> bool:
     """Whether a path is a folder that only this user can enter."""
     try:
         found = system.status(path)

@@ -664,11 +664,13 @@ class VirtualEvent:
         self._waiting: list[VirtualWaiter] = []
 
     def set(self) -> None:
+        """Let all go on who wait, now and later."""
         self._set = True
         for waiter in self._waiting:
             waiter.wake()
 
     def wait(self, timeout: float | None = None) -> bool:
+        """Wait until it is set, `timeout` [s] at most; returns whether it is."""
         now = self._runner.now
         self._runner.point()
         end = inf if timeout is None else now() + timeout

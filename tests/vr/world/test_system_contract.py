@@ -51,6 +51,12 @@ def simulated(script: Script, seed: int = 0) -> list[object]:
         return results
 
 
+def test_the_simulated_machine_has_all_that_a_system_has() -> None:
+    with virtual_runner(0) as runner:
+        system = Machine(runner, 0).boot(VirtualProcess(runner, "process"))
+        assert {name for name in dir(THIS_SYSTEM) if not name.startswith("_")} <= set(dir(system))
+
+
 class Notes(list[object]):
     """What came of each step: its value, or its error."""
 
