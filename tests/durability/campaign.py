@@ -51,11 +51,11 @@ STEP = 1e-4
 PAIRS = (
     ("proxy",),
     ("controller",),
-    ("proxy",),
-    ("controller",),
     ("host", "proxy"),
     ("host", "controller"),
     ("proxy", "controller"),
+    ("proxy",),
+    ("controller",),
 )
 AWAY = 60.0
 """[s] that children wait for their parent: several kills in turn may strike before a host is back."""

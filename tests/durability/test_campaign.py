@@ -47,6 +47,6 @@ async def test_hosts_are_killed_at_each_boundary(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("place")
 async def test_proxies_and_controllers_are_killed_alone_and_two_at_once(tmp_path: Path) -> None:
     outcome = Outcome()
-    await kill_below(outcome, random.Random(1), len(PAIRS), tmp_path)
+    await kill_below(outcome, random.Random(1), len(set(PAIRS)), tmp_path)
     assert outcome.good, outcome
-    assert outcome.kills.total() == len(PAIRS)
+    assert len(outcome.kills) == len(set(PAIRS))

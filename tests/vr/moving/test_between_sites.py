@@ -140,7 +140,14 @@ async def test_a_command_goes_on_at_the_other_site_and_its_page_is_fetched_by_it
             prepared.append(request)
         return await answer(request, *more)
 
-    far.host.moves.answer = note  # type: ignore[method-assign]
+    asked_from: list[str] = []
+
+    def look(place: str) -> None:
+        if place == "served":
+            calls = far.host.agents["tour"].runtime.core.state.calls.live
+            asked_from.extend(call.principal.site for call in calls.values())
+
+    far.host.moves.answer, far.host.moves.moment = note, look  # type: ignore[method-assign]
     call = await touring(homes, 40)
     absent: list[str] = []
     key = h1.host.agents["tour"].address.key
@@ -149,6 +156,7 @@ async def test_a_command_goes_on_at_the_other_site_and_its_page_is_fetched_by_it
     assert (h1.has("tour"), far.has("tour")) == (False, True)
     assert not prepared[0].page.source
     assert len(prepared[0].page.hash) == 64
+    assert asked_from == ["lab"], "who has called is at another site now"
     assert await call == list(range(40))
     assert homes["lab:h2"].fields("leaf")["done"] == list(range(40))
     assert far.fields("tour")["count"] == 40
