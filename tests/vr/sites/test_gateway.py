@@ -101,21 +101,6 @@ async def test_what_is_seen_at_three_sites_runs_in_no_circle(sites: list[SiteOfT
     assert sent < 60, "beats and hints only"
 
 
-@pytest.mark.parametrize("cut", [0.6, 1.3])
-async def test_after_a_short_cut_a_request_that_was_under_way_is_answered(
-    sites: list[SiteOfTest], hub: MemoryHub, cut: float
-) -> None:
-    lab, hall, _ = sites
-    hub.up = False
-    asking = asyncio.ensure_future(ask(lab, call(), within=6))
-    await asyncio.sleep(cut)
-    assert hall.asked == []
-    hub.up = True
-    assert await asking == Done(note="moved")
-    assert len(hall.asked) == 1
-    assert lab.member.presence.there(ROBOT)
-
-
 async def test_a_silent_site_is_not_dead_but_begins_nothing(sites: list[SiteOfTest], hub: MemoryHub) -> None:
     lab, hall, _ = sites
     hub.up = False
@@ -156,35 +141,6 @@ async def test_a_site_that_is_gone_leaves_the_lists_and_comes_back(
     await until(lambda: lab.member.presence.there(ROBOT))
     assert await ask(lab, call()) == Done(note="moved")
     assert len(hall.asked) == 1
-
-
-async def test_who_records_and_repeats_all_that_was_said_has_nothing_done_twice(
-    sites: list[SiteOfTest], hub: MemoryHub
-) -> None:
-    lab, hall, _ = sites
-    recorded: list[tuple[str, bytes]] = []
-
-    def record(topic: str, body: bytes) -> list[bytes]:
-        recorded.append((topic, body))
-        return [body]
-
-    hub.on_way = record
-    await ask(lab, call())
-    await hall.gateway.close()
-    await hall.gate.close()
-    hub.on_way = lambda _topic, body: [body]
-    assert len(hall.asked) == 1
-    await hall.member.close()
-    await hall.open()
-    await hall.be_robot()
-    await until(lambda: lab.member.presence.there(ROBOT))
-    for topic, body in recorded * 3:
-        hub.inject(topic, body)
-        hub.inject(topic, body[:-1] + bytes([body[-1] ^ 1]))
-        hub.inject(topic, body[:20])
-    await asyncio.sleep(1)
-    assert len(hall.asked) == 1
-    assert await ask(lab, call("k2")) == Done(note="moved")
 
 
 async def test_forged_hints_fill_no_memory(sites: list[SiteOfTest], hub: MemoryHub) -> None:
@@ -280,21 +236,6 @@ async def test_a_robot_that_moves_is_found_at_its_new_site_whichever_news_comes_
     await there.close()
     await until(lambda: not lab.member.presence.there(ROBOT))
     assert places["lab"].site_of(ROBOT) == ""
-
-
-async def test_what_is_silent_is_told_to_the_machine_and_what_belongs_to_the_realm(
-    sites: list[SiteOfTest], hub: MemoryHub
-) -> None:
-    lab = sites[0]
-    places = Places(lab.member.presence)
-    assert places.own == "lab"
-    assert places.sites() == ("hall", "yard")
-    assert not places.silent("hall")
-    hub.up = False
-    await until(lambda: places.silent("hall"))
-    assert lab.member.presence.there(ROBOT), "silent is not dead"
-    hub.up = True
-    await until(lambda: not places.silent("hall"))
 
 
 async def test_a_site_that_was_admitted_and_never_heard_is_named_by_a_stop_of_each(
