@@ -37,6 +37,8 @@ LAST = 5.0
 """[s] in which a screen whose terminal has closed ends by itself (`processes.ending.CREW_LAST_WORDS`)."""
 KEYS = 400_000
 """Bytes of keys that may wait for the screen: a paste of 100 000 letters of any script."""
+PROGRAM = ("-m", "robotree.tui.behind_a_tab")
+"""What Python runs in the terminal."""
 SMALLEST, LARGEST = 2, 500
 """Columns, and lines, of a terminal."""
 
@@ -80,7 +82,7 @@ class Screen:
         environment |= {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
         try:
             self._process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "robotree.tui.behind_a_tab", str(waiting)),
+                *(sys.executable, *PROGRAM, str(waiting)),
                 stdin=inside, stdout=inside, stderr=inside,
                 env=environment, start_new_session=True, pass_fds=(waiting,),
             )  # fmt: skip

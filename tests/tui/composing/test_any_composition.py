@@ -225,7 +225,7 @@ def test_ruff_finds_nothing_in_the_files_of_compositions_and_formats_nothing(tmp
     for folder in tmp_path.iterdir():  # in it: what lies there is the person's own
         # a step in a step is an `if` in an `if` (SIM102): the page says it as the steps do
         for words in (["check", "--ignore", "SIM102"], ["format", "--diff"]):
-            ruff = [sys.executable, "-m", "ruff", *words, "--isolated", "--no-cache", "."]
+            ruff = [Path(sys.executable).with_name("ruff"), *words, "--isolated", "--no-cache", "."]
             found = subprocess.run(ruff, cwd=folder, capture_output=True, text=True, check=False)
             assert found.returncode == 0, found.stdout
     assert count >= 20

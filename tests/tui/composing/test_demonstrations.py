@@ -153,10 +153,15 @@ def off(point: Pose, way: Sequence[Pose]) -> float:
     found = math.inf
     for a, b in itertools.pairwise(way):
         p, q, r = map(weighed, (a, b, point))
-        found = min(
-            found,
-            *(math.dist(r, [u + k / 2000 * (v - u) for u, v in zip(p, q, strict=True)]) for k in range(2001)),
-        )
+        low, high = 0.0, 1.0
+        while high - low > 1e-6:  # along a line the distance has one minimum
+            third = (high - low) / 3
+            near, far = (
+                math.dist(r, [u + share * (v - u) for u, v in zip(p, q, strict=True)])
+                for share in (low + third, high - third)
+            )
+            low, high = (low, high - third) if near < far else (low + third, high)
+            found = min(found, near, far)
     return found
 
 

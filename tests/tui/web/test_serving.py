@@ -84,7 +84,22 @@ def files_with(words: bytes, folder: Path) -> list[Path]:
 
 
 @pytest.fixture
-async def port() -> AsyncIterator[Port]:
+async def port(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Port]:
+    """The place, with a program that loads nothing behind each tab: the real one takes long."""
+    monkeypatch.setattr(session, "PROGRAM", ("-IS", str(Path(__file__).with_name("behind_a_tab.py"))))
+    async with opened() as place:
+        yield place
+
+
+@pytest.fixture
+async def real_port() -> AsyncIterator[Port]:
+    """The place, with the full screen behind each tab."""
+    async with opened() as place:
+        yield place
+
+
+@contextlib.asynccontextmanager
+async def opened() -> AsyncIterator[Port]:
     reception = Reception(Door(TOKEN, WATCH), ["--realm", "tabs"], 3)
     async with serving(reception, "127.0.0.1", 0) as server:
         yield Port(reception, next(iter(server.sockets)).getsockname()[1])
@@ -170,22 +185,22 @@ async def test_a_huge_message_ends_its_tab_and_no_other(port: Port) -> None:
         await until(lambda: port.reception.tabs == 1)
 
 
-async def test_two_tabs_are_two_screens_and_each_ends_alone(port: Port) -> None:
-    async with port.connect() as first:
-        await port.hello(first)
+async def test_two_tabs_are_two_screens_and_each_ends_alone(real_port: Port) -> None:
+    async with real_port.connect() as first:
+        await real_port.hello(first)
         await drawn(first, TOP)
-        before = set(port.screens)
-        async with port.connect() as second:
+        before = set(real_port.screens)
+        async with real_port.connect() as second:
             await second.send(json.dumps({"token": WATCH, "size": [80, 24]}))
             await drawn(second, TOP, b"read-only")
-            assert port.reception.tabs == 2
+            assert real_port.reception.tabs == 2
             own = [pid for pid in before if b"--readonly" not in line_of(pid)]  # or one that waits for a tab
-        await until(lambda: port.reception.tabs == 1)
+        await until(lambda: real_port.reception.tabs == 1)
         await first.send(json.dumps({"keys": "?", "size": [120, 40]}))
         await drawn(first, HELP)
         assert any(map(living, own))
-    await until(lambda: port.reception.tabs == 0)
-    await until(lambda: len(port.screens) <= 1)
+    await until(lambda: real_port.reception.tabs == 0)
+    await until(lambda: len(real_port.screens) <= 1)
 
 
 async def test_as_many_tabs_as_were_allowed_and_one_more_is_told(port: Port) -> None:
@@ -244,10 +259,10 @@ async def test_a_tab_whose_keys_nobody_takes_ends_when_it_is_cut_or_sends_too_ma
         await until(lambda: not living(pid), "it is ended, whatever it does")
 
 
-async def test_a_flood_of_keys_takes_no_memory_and_keys_work_after_it(port: Port) -> None:
-    (pid,) = port.screens
-    async with port.connect() as socket:
-        await port.hello(socket)
+async def test_a_flood_of_keys_takes_no_memory_and_keys_work_after_it(real_port: Port) -> None:
+    (pid,) = real_port.screens
+    async with real_port.connect() as socket:
+        await real_port.hello(socket)
         await drawn(socket, TOP)
         before = memory_of(pid)
         for _ in range(25):
@@ -300,10 +315,10 @@ def test_strangers_are_counted_and_told_of_once_a_minute() -> None:
 
 
 async def test_who_leaves_the_screen_is_told_and_a_hidden_tab_gets_it_whole_when_it_is_seen(
-    port: Port,
+    real_port: Port,
 ) -> None:
-    async with port.connect() as socket:
-        await port.hello(socket)
+    async with real_port.connect() as socket:
+        await real_port.hello(socket)
         await drawn(socket, TOP)
         await socket.send(json.dumps({"hidden": True}))
         await socket.send(json.dumps({"keys": "?"}))
