@@ -37,6 +37,7 @@ from robotree.tui.realm_file.present import ROLES
 from robotree.tui.realm_file.verbs import read_realm_file
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file
+from robotree.vr.base.errors import VrError
 from robotree.vr.base.written import Word
 from robotree.vr.network.realms import inhabited, realm_folder
 
@@ -129,6 +130,27 @@ def to_its_end(course: Callable[Given, Awaitable[int]]) -> Callable[Given, Corou
             return exit_codes.INTERRUPTED
 
     return played
+
+
+async def until(holds: Callable[[], Awaitable[object]], within: float, every: float = 0.1) -> bool:
+    """Ask until something holds; an agent that does not answer is asked again.
+
+    Args:
+        holds: asks.
+        within: [s] at most.
+        every: [s] between two questions.
+
+    Returns:
+        Whether it holds.
+    """
+    latest = time.monotonic() + within
+    while True:
+        with suppress(VrError):
+            if await holds():
+                return True
+        if time.monotonic() > latest:
+            return False
+        await asyncio.sleep(every)
 
 
 def own_realm(*, headless: bool) -> str:

@@ -17,14 +17,22 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from robotree.client.joining import joined
-from robotree.tui.demo import beside_the_screen, kept_apart, leaving_nothing, own_realm, said, to_its_end
+from robotree.tui.demo import (
+    beside_the_screen,
+    kept_apart,
+    leaving_nothing,
+    own_realm,
+    said,
+    to_its_end,
+    until,
+)
 from robotree.tui.demo_crash import begun_in
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew, Member
@@ -156,7 +164,7 @@ async def _play(stage: _Stage) -> AwayVerdict:
     sim, *_ = await stage.crew.start_all(words, ("directory", "directory-1"), ("directory", "directory-2"))
     proxy = await stage.proxy(sim.address)
     async with joined(stage.realm) as realm_client:
-        await _until(lambda: _is_known(realm_client), SEEN)
+        await until(lambda: _is_known(realm_client), SEEN, LOOKS)
         await stage.say(f"take {ROVER} --as {DEVICE}", device=True)
         await stage.switch_off(proxy)
         aside(f"{ROVER} is switched off")
@@ -171,7 +179,7 @@ async def _play(stage: _Stage) -> AwayVerdict:
         back = time.monotonic()
         aside(f"{ROVER} is back")
         kills = await _kill_in_the_middle(stage)
-        await _until(lambda: _are_over(realm_client), LONGEST)
+        await until(lambda: _are_over(realm_client), LONGEST, LOOKS)
         on_line = time.monotonic() - back
         orders = await _orders(realm_client)
     return _verdict(stage, orders, kills=kills, held=held, on_line=on_line, wall=time.monotonic() - began)
@@ -224,11 +232,3 @@ async def _orders(realm_client: RealmClient) -> Sequence[Order]:
 async def _are_over(realm_client: RealmClient) -> bool:
     orders = await _orders(realm_client)
     return len(orders) >= len(MOVES) and all(each.over for each in orders)
-
-
-async def _until(happened: Callable[[], Any], within: float) -> None:
-    end = time.monotonic() + within
-    while time.monotonic() < end:
-        if await happened():
-            return
-        await asyncio.sleep(LOOKS)

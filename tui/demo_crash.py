@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
@@ -137,6 +137,19 @@ def begun_in(file: Path) -> list[Goal]:
     return goals
 
 
+async def under_way(call: asyncio.Future[Any], file: Path, count: int) -> bool:
+    """Wait until a controller has begun so many goals; return whether a call still runs then.
+
+    Args:
+        call: ends the wait, too.
+        file: into which the controller writes them.
+        count: of all goals in the file.
+    """
+    while not call.done() and len(begun_in(file)) < count:  # noqa: ASYNC110 # a file
+        await asyncio.sleep(LOOKS)
+    return not call.done()
+
+
 async def events_since(realm_client: RealmClient, since: float) -> list[HistoryEvent]:
     """Return what the histories say of the lever's robots, when the end of the command is among it."""
     latest = time.monotonic() + SETTLES
@@ -153,15 +166,19 @@ async def events_since(realm_client: RealmClient, since: float) -> list[HistoryE
         await asyncio.sleep(0.1)
 
 
-class Crash(Course):
-    """The cell, its robots on top of the arm, and a host that is killed."""
+class Counted(Course):
+    """The cell, whose controllers write down in a folder of this demo what they begin."""
 
     file = CELL.file
 
     def __init__(self) -> None:
-        """Make the folder in which the controllers write down what they begin."""
+        """Make the folder."""
         self._folder = tempfile.TemporaryDirectory(prefix="robotree-demo-")
-        self.goals: Path | None = Path(self._folder.name)
+        self.goals = Path(self._folder.name)
+
+
+class Crash(Counted):
+    """The cell, its robots on top of the arm, and a host that is killed."""
 
     async def open(self, realm_client: RealmClient) -> str:
         """Put the lever's robots on the arm."""
@@ -181,14 +198,13 @@ class Crash(Course):
 
     async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> Verdict:  # noqa: ARG002 # the same
         """Close the lever while its host is killed."""
-        began, since, before = time.monotonic(), time.time(), len(self._begun())
+        file = self.goals / CONTROLLER
+        began, since, before = time.monotonic(), time.time(), len(begun_in(file))
         tell(f"{LEVER} closes its lever")
         call = asyncio.ensure_future(realm_client.call(LEVER, "close", {}, deadline=LONGEST))
         kills: list[float] = []
         for count in AT:
-            while not call.done() and len(self._begun()) < before + count:  # noqa: ASYNC110 # a file
-                await asyncio.sleep(LOOKS)
-            pid = None if call.done() else self._host(realm_client.realm)
+            pid = self._host(realm_client.realm) if await under_way(call, file, before + count) else None
             if pid is None:
                 break
             kills.append(time.time())
@@ -203,17 +219,13 @@ class Crash(Course):
         events = await events_since(realm_client, since)
         return verdict_of(
             kills,
-            self._begun()[before:],
+            begun_in(file)[before:],
             events,
             angle=readings.get("lever"),
             force=readings.get("peak_force"),
             trouble=trouble,
             wall=time.monotonic() - began,
         )
-
-    def _begun(self) -> list[Goal]:
-        """Return the goals that the arm's controller has begun, in their order."""
-        return begun_in(Path(self._folder.name) / CONTROLLER)
 
     def _host(self, realm: str) -> int | None:
         """Return the process of the host; None: it does not live at the moment."""

@@ -12,19 +12,18 @@ import os
 import shutil
 import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from robotree.files import replace
 from robotree.tui import assisting
-from robotree.tui.demo import CELL, LEVER, VIEW, Course, Tell, build_lever
-from robotree.tui.demo_crash import CLOSED, begun_in
+from robotree.tui.demo import LEVER, VIEW, Tell, build_lever, until
+from robotree.tui.demo_crash import CLOSED, Counted, begun_in
 from robotree.tui.errors import MemberFailed
 from robotree.tui.line import permits
 from robotree.vr.base.principal import user_name
 from robotree.vr.network.policy_file import POLICY
-from robotree.vr.network.policy_file import put as put_file
 
 if TYPE_CHECKING:
     from mcp.shared.dispatcher import ProgressFnT
@@ -75,25 +74,19 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float
 
 
-class Assistant(Course):
+class Assistant(Counted):
     """The cell, the lever's robots on top of the arm, and an assistant."""
 
-    file = CELL.file
-
-    def __init__(self) -> None:
-        """Make the folder in which the controllers write down what they begin."""
-        import tempfile
-
-        self._folder = tempfile.TemporaryDirectory(prefix="robotree-demo-")
-        self.goals: Path | None = Path(self._folder.name)
-        self.key = ""
+    key = ""
+    """Of the assistant."""
 
     def rule(self, realm: str) -> None:
         """Write the policy of the realm and make the key, before its processes begin."""
         from robotree.assistants.keys import AssistantKeys
 
         folder = assisting.folder_of(realm)
-        put_file(folder / POLICY, RULES.format(realm=realm, user=user_name(os.geteuid()), name=NAME).encode())
+        rules = RULES.format(realm=realm, user=user_name(os.geteuid()), name=NAME)
+        replace(folder / POLICY, rules.encode(), 0o600)
         self.key = AssistantKeys(folder).invite(NAME)
 
     async def open(self, realm_client: RealmClient) -> str:
@@ -182,16 +175,17 @@ class Assistant(Course):
 
     async def _answered(self, realm_client: RealmClient, permit: str) -> str:
         """Wait until somebody has answered; returns what became of the permit."""
-        files, latest = permits.permits_of(realm_client), time.monotonic() + ANSWERS
-        while True:
-            found = await asyncio.to_thread(files.find, permit)
-            if found.state != "waits" or time.monotonic() > latest:
-                return found.state
-            await asyncio.sleep(LOOKS)
+        files = permits.permits_of(realm_client)
+
+        async def answered() -> bool:
+            return (await asyncio.to_thread(files.find, permit)).state != "waits"
+
+        await until(answered, ANSWERS, LOOKS)
+        return files.find(permit).state
 
     def _begun(self) -> int:
         """Return how many goals the controllers have begun."""
-        return sum(len(begun_in(file)) for file in Path(self._folder.name).iterdir())
+        return sum(len(begun_in(file)) for file in self.goals.iterdir())
 
 
 _FORBIDDEN: Final[tuple[tuple[str, tuple[str, dict[str, Any]]], ...]] = (

@@ -15,7 +15,7 @@ import socket
 import tempfile
 import time
 from collections.abc import Generator, Sequence
-from contextlib import AsyncExitStack, contextmanager, suppress
+from contextlib import AsyncExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,8 +33,9 @@ from robotree.tui.demo import (
     beside_the_screen,
     build_lever,
     to_its_end,
+    until,
 )
-from robotree.tui.demo_crash import CONTROLLER, LONGEST, LOOKS, begun_in, events_since, verdict_of
+from robotree.tui.demo_crash import CONTROLLER, LONGEST, LOOKS, begun_in, events_since, under_way, verdict_of
 from robotree.tui.errors import MemberFailed, ValueRefused
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.state_files import KEYS
@@ -290,15 +291,13 @@ class Sites(Course):
         Raises:
             MemberFailed: they do not.
         """
-        latest = time.monotonic() + LINKED
-        while True:
-            with suppress(VrError):
-                await realm_client.describe_view(VIEW)
-                if (await realm_client.describe(ARM)).online:
-                    return
-            if time.monotonic() > latest:
-                raise MemberFailed(("gateway",), "failed", f"site {PLANT} is not seen from site {DESK}")
-            await asyncio.sleep(0.1)
+
+        async def answer() -> bool:
+            await realm_client.describe_view(VIEW)
+            return (await realm_client.describe(ARM)).online
+
+        if not await until(answer, LINKED):
+            raise MemberFailed(("gateway",), "failed", f"site {PLANT} is not seen from site {DESK}")
 
     async def supervise(self, *, readonly: bool) -> int:
         """Show the screen of the desk, and close the lever beside it."""
@@ -329,10 +328,8 @@ class Sites(Course):
         began, since, before = time.monotonic(), time.time(), len(begun_in(self.goals))
         tell(f"{LEVER} closes its lever at site {PLANT}")
         call = asyncio.ensure_future(realm_client.call(LEVER, "close", {}, deadline=LONGEST))
-        while not call.done() and len(begun_in(self.goals)) < before + AT:  # noqa: ASYNC110 # a file
-            await asyncio.sleep(LOOKS)
         kills, back = list[float](), 0.0
-        if not call.done():
+        if await under_way(call, self.goals, before + AT):
             kills.append(time.time())
             back = await self._hub_dies(realm_client, tell)
         trouble = ""
@@ -383,14 +380,11 @@ class Sites(Course):
         killed = time.monotonic()
         os.kill(self._hub.pid, signal.SIGKILL)
         tell(f"the hub (process {self._hub.pid}) is killed by kill -9; the demo starts it again", "warning")
-        latest = time.monotonic() + LINKED
-        while time.monotonic() < latest:
-            with suppress(VrError):
-                await realm_client.describe(ARM)
-                tell(f"site {PLANT} answers again {time.monotonic() - killed:.1f} s after the kill")
-                break
-            await asyncio.sleep(LOOKS)
-        return time.monotonic() - killed
+        answers = await until(lambda: realm_client.describe(ARM), LINKED, LOOKS)
+        took = time.monotonic() - killed
+        if answers:
+            tell(f"site {PLANT} answers again {took:.1f} s after the kill")
+        return took
 
 
 def _free_address() -> str:

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from robotree.tui.demo import ARM, EXAMPLES, HOST, LEVER, MOVER, VIEW, Tell
-from robotree.tui.demo_crash import CLOSED, LOOKS, Goal, begun_in
+from robotree.tui.demo import ARM, EXAMPLES, HOST, LEVER, MOVER, VIEW, Tell, until
+from robotree.tui.demo_crash import CLOSED, Goal, begun_in, under_way
 from robotree.tui.demo_sites import DESK, PLANT, Sites
 from robotree.tui.errors import MemberFailed
 from robotree.tui.seen.wording import columns
@@ -148,20 +148,15 @@ class Travel(Sites):
             MemberFailed: the plant is not seen.
         """
         await self.see_plant(realm_client)
-        await self._see_host(realm_client)
+
+        async def seen() -> bool:
+            return NEAR_HOST in {host.address.name for host in await realm_client.hosts()}
+
+        if not await until(seen, SETTLES):
+            raise MemberFailed(("host", NEAR_HOST), "failed", f"it is not seen from {HOST}")
         await realm_client.create(str(self._pages[PAGES[0]]), SMOOTH, HOST)
         await realm_client.enslave(SMOOTH, "arm", ARM)
         return f"{ARM} is at site {PLANT}, {self.delay} ms away; {self.story}; ? shows all keys"
-
-    async def _see_host(self, realm_client: RealmClient) -> None:
-        latest = time.monotonic() + SETTLES
-        while True:
-            with suppress(VrError):
-                if NEAR_HOST in {host.address.name for host in await realm_client.hosts()}:
-                    return
-            if time.monotonic() > latest:
-                raise MemberFailed(("host", NEAR_HOST), "failed", f"it is not seen from {HOST}")
-            await asyncio.sleep(0.1)
 
     async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> TravelVerdict:
         """Compare the ways, and print the table where nobody has a screen."""
@@ -260,7 +255,7 @@ class Travel(Sites):
         call = asyncio.ensure_future(realm_client.call(SMOOTH, "sweep", arguments, deadline=LONGEST))
         try:
             if moves:
-                await self._middle(call, before)
+                await under_way(call, self.goals, before + MIDDLE)
                 await realm_client.migrate(SMOOTH, moves)
         except BaseException:
             call.cancel()
@@ -269,22 +264,18 @@ class Travel(Sites):
         self._count(before, STEPS)
         return float(seconds)
 
-    async def _middle(self, call: asyncio.Future[Any], before: int) -> None:
-        """Wait until the controller has begun some goals of a command."""
-        while not call.done() and len(begun_in(self.goals)) < before + MIDDLE:  # noqa: ASYNC110 # a file
-            await asyncio.sleep(LOOKS)
-
     def _count(self, before: int, wanted: int | None = None) -> None:
         twice, lost = counted(begun_in(self.goals)[before:], wanted)
         self._twice, self._lost = self._twice + twice, self._lost + lost
 
     async def _found(self, realm_client: RealmClient, robot: str) -> float:
         """Wait until a robot is near the arm; returns when that was [s]."""
-        while True:
-            with suppress(VrError):
-                if (await realm_client.describe(robot)).host.rpartition(":")[2] == NEAR_HOST:
-                    return time.monotonic()
-            await asyncio.sleep(0.2)
+
+        async def near() -> bool:
+            return (await realm_client.describe(robot)).host.rpartition(":")[2] == NEAR_HOST
+
+        await until(near, math.inf, 0.2)
+        return time.monotonic()
 
     async def _levers(self, realm_client: RealmClient, tell: Tell, times: dict[str, float]) -> None:
         """Close and open the lever from everywhere."""
@@ -311,7 +302,7 @@ class Travel(Sites):
         call = asyncio.ensure_future(realm_client.call(LEVER, command, {}, deadline=LONGEST))
         try:
             if moves:
-                await self._middle(call, before)
+                await under_way(call, self.goals, before + MIDDLE)
                 for robot in (MOVER, LEVER):
                     await realm_client.migrate(robot, moves)
         except BaseException:

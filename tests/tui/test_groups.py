@@ -21,6 +21,8 @@ from robotree.vr.network.policy_file import PolicyFile
 if TYPE_CHECKING:
     from conftest import Realm
 
+pytestmark = pytest.mark.usefixtures("carts")
+
 
 class Cart(Robot):
     """A cart."""
@@ -72,8 +74,7 @@ def names(outcome: Outcome) -> list[str]:
     return [one["name"] for one in outcome.data["members"]]
 
 
-async def test_a_group_is_by_names_by_rule_and_by_place(realm: Realm, carts: list[Cart]) -> None:
-    del carts
+async def test_a_group_is_by_names_by_rule_and_by_place(realm: Realm) -> None:
     assert names(await did(realm, "group", "two", "c1", "c3")) == ["c1", "c3"]
     assert names(await did(realm, "group", "strong", "--where", "kind=Cart & battery>30")) == ["c1", "c3"]
     assert names(await did(realm, "group", "hall", "--near", "hall")) == ["c1", "c2"]
@@ -93,8 +94,7 @@ async def test_a_group_is_by_names_by_rule_and_by_place(realm: Realm, carts: lis
     assert isinstance(missing.error, NoSuchGroup)
 
 
-async def test_members_that_are_away_are_shown(realm: Realm, carts: list[Cart]) -> None:
-    del carts
+async def test_members_that_are_away_are_shown(realm: Realm) -> None:
     shown = await did(realm, "group", "some", "c1", "nobody")
     assert [(one["name"], one["state"]) for one in shown.data["members"]] == [
         ("c1", "free"),
@@ -102,8 +102,7 @@ async def test_members_that_are_away_are_shown(realm: Realm, carts: list[Cart]) 
     ]
 
 
-async def test_a_command_goes_to_all_and_partial_failure_is_told(realm: Realm, carts: list[Cart]) -> None:
-    del carts
+async def test_a_command_goes_to_all_and_partial_failure_is_told(realm: Realm) -> None:
     await did(realm, "group", "carts", "--where", "kind = Cart")
     done = await did(realm, "call", "carts.load", "kilos=10")
     assert done.doubt is None
@@ -125,10 +124,7 @@ async def test_a_command_goes_to_all_and_partial_failure_is_told(realm: Realm, c
     assert code_of(part.doubt) == REFUSED
 
 
-async def test_an_answer_of_several_parts_is_shown_whole_for_each_member(
-    realm: Realm, carts: list[Cart]
-) -> None:
-    del carts
+async def test_an_answer_of_several_parts_is_shown_whole_for_each_member(realm: Realm) -> None:
     await did(realm, "group", "carts", "--where", "kind = Cart")
     done = await did(realm, "call", "carts.weigh")
     assert [line.split() for line in done.text.splitlines()] == [
@@ -138,8 +134,7 @@ async def test_an_answer_of_several_parts_is_shown_whole_for_each_member(
     ]
 
 
-async def test_a_named_member_that_is_away_is_a_failure(realm: Realm, carts: list[Cart]) -> None:
-    del carts
+async def test_a_named_member_that_is_away_is_a_failure(realm: Realm) -> None:
     await did(realm, "group", "some", "c1", "nobody")
     part = await did(realm, "call", "some.load", "kilos=1")
     assert isinstance(part.doubt, SomeFailed)
@@ -174,8 +169,7 @@ async def test_a_stop_by_rule_reaches_who_may_be_a_member(
     assert carts[2].stopped_by
 
 
-async def test_what_cannot_be_a_group_is_refused_in_one_sentence(realm: Realm, carts: list[Cart]) -> None:
-    del carts
+async def test_what_cannot_be_a_group_is_refused_in_one_sentence(realm: Realm) -> None:
     for words, error in [
         (("group", "c1", "c2"), DuplicateName),
         (("group", "bad", "--where", "battery >"), RequirementUnreadable),
@@ -195,8 +189,7 @@ async def test_what_cannot_be_a_group_is_refused_in_one_sentence(realm: Realm, c
     assert isinstance(empty.error, GroupEmpty)
 
 
-async def test_a_robot_comes_before_a_group_of_its_name(realm: Realm, carts: list[Cart]) -> None:
-    del carts
+async def test_a_robot_comes_before_a_group_of_its_name(realm: Realm) -> None:
     await did(realm, "group", "late", "c1", "c2")
     late = Cart("late", 50.0, "hall")
     await realm.robot(late)

@@ -107,17 +107,16 @@ async def test_ls_lists_robots_views_hosts_and_lookups(realm: Realm) -> None:
     assert (await do(realm, "ls --lookups")).data == [{"name": "lookup-1"}]
 
 
-@pytest.mark.parametrize(("told", "kind"), [("yes", "Arm (sim)"), ("no", "Arm (real)"), ("", "Arm")])
-async def test_ls_tells_real_and_simulated_robots_apart_as_the_screen_does(
-    realm: Realm, told: str, kind: str
-) -> None:
-    arm = type(realm.arm)("arm-2")
-    if told:
-        arm.attributes["simulated"] = told
-    await realm.robot(arm)
-    await until(lambda: len(realm.realm_client.robots()) == 3, "it is listed")
-    row = next(line for line in (await do(realm, "ls")).text.splitlines() if line.startswith("arm-2"))
-    assert re.split(r" {2,}", row)[1] == kind
+async def test_ls_tells_real_and_simulated_robots_apart_as_the_screen_does(realm: Realm) -> None:
+    kinds = {"yes": "Arm (sim)", "no": "Arm (real)", "": "Arm"}
+    for number, told in enumerate(kinds):
+        arm = type(realm.arm)(f"other-{number}")
+        if told:
+            arm.attributes["simulated"] = told
+        await realm.robot(arm)
+    await until(lambda: len(realm.realm_client.robots()) == 5, "all are listed")
+    rows = (await do(realm, "ls")).text.splitlines()
+    assert [re.split(r" {2,}", row)[1] for row in rows if row.startswith("other-")] == [*kinds.values()]
 
 
 async def test_who_is_no_script_explains_no_rule(realm: Realm) -> None:
@@ -151,17 +150,23 @@ async def test_of_several_children_it_says_who_is_bound_and_who_is_not_before_th
     assert (await do(realm, "call team.count")).data == 1
 
 
-async def test_ls_says_that_a_robot_is_late_which_has_not_answered_yet(
-    realm: Realm, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    answering = [one for one in await realm.realm_client.tree() if one.name != "arm-1"]
-    late = [one for one in await realm.realm_client.tree() if one.name in {"arm-1", "rover-1"}]
+async def silence(realm: Realm, monkeypatch: pytest.MonkeyPatch, *names: str, late: tuple[str, ...]) -> None:
+    """Have robots not answer; those of `late` are late, too."""
+    robots = list(await realm.realm_client.tree())
+    answering = [robot for robot in robots if robot.name not in names]
+    held = [Held(robot.address.key, "", "") for robot in robots if robot.name in late]
 
     async def tree() -> list[RobotDescription]:
         return answering
 
     monkeypatch.setattr(realm.realm_client, "tree", tree)
-    monkeypatch.setattr(realm.realm_client, "late", lambda: [Held(one.address.key, "", "") for one in late])
+    monkeypatch.setattr(realm.realm_client, "late", lambda: held)
+
+
+async def test_ls_says_that_a_robot_is_late_which_has_not_answered_yet(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await silence(realm, monkeypatch, "arm-1", late=("arm-1", "rover-1"))
     assert [one["state"] for one in (await do(realm, "ls")).data] == ["late", "free"]
 
 
@@ -169,12 +174,7 @@ async def test_a_robot_that_runs_and_does_not_answer_makes_lists_incomplete_and_
     realm: Realm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in a flood of connections: its process is not late, does not hang, and has not answered in time."""
-    answering = [one for one in await realm.realm_client.tree() if one.name != "arm-1"]
-
-    async def tree() -> list[RobotDescription]:
-        return answering
-
-    monkeypatch.setattr(realm.realm_client, "tree", tree)
+    await silence(realm, monkeypatch, "arm-1", late=())
     for verb, said in (("ls", "arm-1    Arm    does not answer"), ("tree", "arm-1  does not answer")):
         listed = await do(realm, verb)
         assert re.search(re.sub(" +", " +", said), listed.text), listed.text
@@ -187,15 +187,7 @@ async def test_tree_says_that_a_robot_is_late_which_has_not_answered_yet(
     realm: Realm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     await made(realm)
-    robots = list(await realm.realm_client.tree())
-    late = [robot for robot in robots if robot.name in {"arm-1", "rover-1"}]
-    answering = [robot for robot in robots if robot not in late]
-
-    async def tree() -> list[RobotDescription]:
-        return answering
-
-    monkeypatch.setattr(realm.realm_client, "tree", tree)
-    monkeypatch.setattr(realm.realm_client, "late", lambda: [Held(one.address.key, "", "") for one in late])
+    await silence(realm, monkeypatch, "arm-1", "rover-1", late=("arm-1", "rover-1"))
     drawn = await do(realm, "tree")
     assert drawn.text.splitlines()[-2:] == ["   └─ arm: arm-1 (late)", "rover-1  late"]
     assert drawn.doubt is None
@@ -336,28 +328,21 @@ async def test_look_writes_a_picture(realm: Realm, tmp_path: Path) -> None:
         assert picture.size == (320, 180)
 
 
-async def test_stop_and_resume_tell_whom_they_reached(realm: Realm) -> None:
-    assert (await do(realm, "stop")).data == {"stopped": ["arm-1", "rover-1"]}
-    with pytest.raises(VrError):
-        await do(realm, "call arm-1.hold")
-    assert (await do(realm, "resume arm-1")).data == {"resumed": ["arm-1"]}
-    await do(realm, "call arm-1.hold")
-
-
-async def test_resume_names_all_whose_stop_is_released_the_enslaved_too(realm: Realm) -> None:
+async def test_stop_and_resume_name_whom_they_reached_the_enslaved_too(realm: Realm) -> None:
     await realm.create("move_to.py", "mover")
     await realm.realm_client.enslave("mover", "arm", "arm-1")
-    assert (await do(realm, "stop")).text == "stopped: arm-1, mover, rover-1"
+    stopped = await do(realm, "stop")
+    assert (stopped.text, stopped.data["stopped"]) == (
+        "stopped: arm-1, mover, rover-1", ["arm-1", "mover", "rover-1"],
+    )  # fmt: skip
+    with pytest.raises(VrError):
+        await do(realm, "call rover-1.move x=0 y=0")
+    assert (await do(realm, "resume rover-1")).data == {"resumed": ["rover-1"]}
+    await do(realm, "call rover-1.move x=0 y=0")
     outcome = await do(realm, "resume")
-    assert outcome.text == "resumed: arm-1, mover, rover-1"
-    assert outcome.data == {"resumed": ["arm-1", "mover", "rover-1"]}
-
-
-async def test_resume_names_only_those_that_were_stopped(realm: Realm) -> None:
-    await do(realm, "stop rover-1")
-    assert (await do(realm, "resume")).text == "resumed: rover-1"
+    assert (outcome.text, outcome.data) == ("resumed: arm-1, mover", {"resumed": ["arm-1", "mover"]})
     assert (await do(realm, "resume")).text == "no robot was stopped"
-    assert (await do(realm, "resume arm-1")).text == "arm-1 was not stopped"
+    assert (await do(realm, "resume rover-1")).text == "rover-1 was not stopped"
 
 
 async def test_resume_of_a_robot_that_never_was_is_refused_while_a_stop_of_all_holds_those_that_are_away(
@@ -407,19 +392,15 @@ async def test_a_release_says_which_command_may_be_using_the_child(realm: Realm,
     assert (await do(realm, "release holder.arm")).text == "holder.arm is empty"
 
 
-async def test_cancel_says_that_nothing_ran(realm: Realm) -> None:
-    outcome = await do(realm, "cancel arm-1")
-    assert outcome.text == "arm-1: it carried nothing out"
-
-
-@pytest.mark.parametrize("verb", ["release mover", "enslave mover arm-1"])
-async def test_a_place_without_a_slot_is_told_which_slots_there_are(realm: Realm, verb: str) -> None:
+async def test_a_place_without_a_slot_is_told_which_slots_there_are(realm: Realm) -> None:
     await realm.create("move_to.py", "mover")
-    with pytest.raises(ValueRefused, match=r"'mover' names no slot; its slots are mover\.arm"):
-        await do(realm, verb)
+    for verb in ("release mover", "enslave mover arm-1"):
+        with pytest.raises(ValueRefused, match=r"'mover' names no slot; its slots are mover\.arm"):
+            await do(realm, verb)
 
 
-async def test_cancel_ends_what_runs(realm: Realm) -> None:
+async def test_cancel_ends_what_runs_or_says_that_nothing_ran(realm: Realm) -> None:
+    assert (await do(realm, "cancel arm-1")).text == "arm-1: it carried nothing out"
     realm.arm.pace = 1.0
     running = asyncio.create_task(do(realm, "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0"))
     await until(lambda: bool(realm.arm.calls), "the arm moves")
@@ -559,7 +540,7 @@ def test_examples_are_found_in_the_wheel_whatever_folder_they_lie_in(
     assert not shipped("examples/../secret.py").exists()
 
 
-@pytest.mark.parametrize(("given", "told"), [("45s", "45 s"), ("90min", "90 min"), ("1h", "1 h")])
-async def test_how_long_control_lasts_is_told_in_words_of_people(realm: Realm, given: str, told: str) -> None:
-    with sitting_at("pts/3"):
-        assert (await do(realm, f"control get arm-1 --for {given}")).text.endswith(f" for {told}")
+async def test_how_long_control_lasts_is_told_in_words_of_people(realm: Realm) -> None:
+    for given, told in (("45s", "45 s"), ("90min", "90 min"), ("1h", "1 h")):
+        with sitting_at("pts/3"):
+            assert (await do(realm, f"control get arm-1 --for {given}")).text.endswith(f" for {told}")

@@ -140,12 +140,6 @@ def refused_page(path: Path) -> BadRealmFile:
     return refused.value
 
 
-def test_a_page_that_is_missing_is_named_with_its_line(tmp_path: Path) -> None:
-    error = refused_page(file_with(tmp_path, "robots:\n  mover:\n    page: gone.py\n"))
-    assert error.number == 3
-    assert str(tmp_path / "gone.py") in str(error)
-
-
 def test_a_page_that_has_changed_since_is_named_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(MOVE_TO.read_text())
     before = Bundle.read(tmp_path / "mine.py").hash
@@ -158,38 +152,41 @@ def test_a_page_that_has_changed_since_is_named_with_its_line(tmp_path: Path) ->
     assert before[:12] in str(error)
 
 
-@pytest.mark.parametrize(
-    ("said", "expected"),
-    [
-        ("slots: {amr: a}", "MoveTo has no slot 'amr' (did you mean 'arm'?); it has: arm"),
-        ("settings: {speeed: 1}", "MoveTo has no setting 'speeed'"),
-    ],
-)
-def test_a_slot_or_setting_that_the_page_lacks_is_named_with_its_line(
-    said: str, expected: str, tmp_path: Path
+REMEMBERS = """\
+from robotree.vr import VirtualRobot, state
+class Mine(VirtualRobot):
+    speed: float = 0.1
+    count: int = state(0)
+    _hidden: int = 1
+"""
+MOVES = MOVE_TO.read_text()
+WRONG_PAGES = [
+    ("", "page: gone.py", 3, "/gone.py"),
+    (
+        MOVE_TO.read_text(),
+        "slots: {amr: a}",
+        4,
+        "MoveTo has no slot 'amr' (did you mean 'arm'?); it has: arm",
+    ),
+    (MOVE_TO.read_text(), "settings: {speeed: 1}", 4, "MoveTo has no setting 'speeed'"),
+    *(
+        (REMEMBERS, f"settings: {{{name}: 1}}", 4, f"Mine has no setting '{name}'; it has: speed")
+        for name in ("counted", "count", "_hidden")
+    ),
+    ("from robotree.vr import VirtualRobot\nclass Mine(VirtualRobot)\n", "", 3, "/mine.py:2: expected ':'"),
+]
+"""A page, what the file says of its robot beside that, the line of the mistake, and what is said."""
+
+
+@pytest.mark.parametrize(("page", "entry", "line", "expected"), WRONG_PAGES)
+def test_a_page_that_is_missing_or_lacks_what_the_file_says_is_named_with_its_line(
+    page: str, entry: str, line: int, expected: str, tmp_path: Path
 ) -> None:
-    error = refused_page(file_with(tmp_path, f"robots:\n  mover:\n    page: {MOVE_TO}\n    {said}\n"))
-    assert error.number == 4
+    entries = f"    page: mine.py\n    {entry}" if page else f"    {entry}"
+    (tmp_path / "mine.py").write_text(page)
+    error = refused_page(file_with(tmp_path, f"robots:\n  one:\n{entries}\n"))
+    assert error.number == line
     assert expected in str(error)
-
-
-@pytest.mark.parametrize("name", ["counted", "count", "_hidden"])
-def test_what_a_robot_remembers_is_no_setting(name: str, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(
-        "from robotree.vr import VirtualRobot, state\nclass Mine(VirtualRobot):\n"
-        "    speed: float = 0.1\n    count: int = state(0)\n    _hidden: int = 1\n"
-    )
-    error = refused_page(
-        file_with(tmp_path, f"robots:\n  mine:\n    page: mine.py\n    settings: {{{name}: 1}}\n")
-    )
-    assert str(error).endswith(f"Mine has no setting '{name}'; it has: speed")
-
-
-def test_a_page_that_is_no_python_is_named_with_both_lines(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text("from robotree.vr import VirtualRobot\nclass Mine(VirtualRobot)\n")
-    error = refused_page(file_with(tmp_path, "robots:\n  mine:\n    page: mine.py\n"))
-    assert error.number == 3
-    assert f"the page of mine is no Python: {tmp_path / 'mine.py'}:2: expected ':'" in str(error)
 
 
 def test_a_page_that_inherits_from_elsewhere_is_not_judged_by_its_text(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 from pathlib import Path
 
@@ -79,9 +79,9 @@ def file_of_a_day(folder: Path) -> str:
 
 
 @asynccontextmanager
-async def replayed(folder: Path, at: float) -> AsyncGenerator[tuple[Replay, Pilot[int]]]:
-    """Replay that file, held at a time [s], with what this person has kept in the folder."""
-    player = Player(opened(file_of_a_day(folder)), 1.0)
+async def shown(tape: Tape, at: float = 0.0) -> AsyncGenerator[tuple[Replay, Pilot[int]]]:
+    """Replay a recording, held at a time [s]."""
+    player = Player(tape, 1.0)
     player.held = True
     player.begin_at = NOON + at
     realm_client = RealmClient(player.open())
@@ -92,6 +92,11 @@ async def replayed(folder: Path, at: float) -> AsyncGenerator[tuple[Replay, Pilo
         yield app, pilot
     assert app.errors == []
     await realm_client.close()
+
+
+def replayed(folder: Path, at: float) -> AbstractAsyncContextManager[tuple[Replay, Pilot[int]]]:
+    """Replay that file, held at a time [s], with what this person has kept in the folder."""
+    return shown(opened(file_of_a_day(folder)), at)
 
 
 async def looking(at: float) -> RealmClient:
@@ -165,12 +170,7 @@ async def test_a_second_recording_is_chosen_by_a_key_and_shown_at_the_same_momen
             for second in range(60):
                 writer.state(NOON + second, "arm-1", State(readings={"z": height if second > 20 else 0.0}))
             writer.close()
-    player = Player(opened(str(tmp_path / "monday.mcap")), 1.0)
-    player.held = True
-    realm_client = RealmClient(player.open())
-    await realm_client.start()
-    app = partial(Replay, player)(realm_client, realm="", readonly=True)
-    async with app.run_test(size=(120, 40)) as pilot:
+    async with shown(opened(str(tmp_path / "monday.mcap"))) as (app, pilot):
         await press(pilot, "equals_sign")
         await until(lambda: "tuesday.mcap" in text_of(app), "the others are offered")
         assert f"{tmp_path}/monday.mcap  " not in text_of(app)
@@ -180,19 +180,13 @@ async def test_a_second_recording_is_chosen_by_a_key_and_shown_at_the_same_momen
         await until(lambda: "arm-1.z  0.25 m → 0.75 m" in text_of(app), "it goes along")
         await press(pilot, "equals_sign")
         await until(lambda: not isinstance(app.screen, BesideReading), "it is closed")
-    await realm_client.close()
 
 
 async def test_the_screen_shows_the_banner_holds_and_leaps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    player = Player(TAPE, 1.0)
-    player.held = True
-    realm_client = RealmClient(player.open())
-    await realm_client.start()
-    app = partial(Replay, player)(realm_client, realm="", readonly=True)
-    async with app.run_test(size=(120, 40)) as pilot:
+    async with shown(TAPE) as (app, pilot):
         await until(lambda: "REPLAY 0:00 of 1:00" in text_of(app), "the banner is there")
         assert "held" in text_of(app)
         await press(pilot, "right")
@@ -203,11 +197,10 @@ async def test_the_screen_shows_the_banner_holds_and_leaps(
         app.run_typed("delete arm-1")
         await until(lambda: "nothing in a recording can be commanded" in text_of(app), "it says why")
         await press(pilot, "space")
-        await until(lambda: player.playback.position > NOON + 10, "it goes on")
+        await until(lambda: app.player.playback.position > NOON + 10, "it goes on")
         app.action_leap(-5.0)
     assert app.return_value == AGAIN
-    assert player.begin_at >= NOON
-    await realm_client.close()
+    assert app.player.begin_at >= NOON
 
 
 @pytest.fixture
