@@ -5,7 +5,7 @@ torques.
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -18,9 +18,18 @@ from robotree.sim.arm.kinematics import Kinematics, twist_of
 from robotree.sim.arm.model import ArmPorts
 from robotree.sim.arm.planner import TWIST, Planner
 from robotree.sim.arm.tuning import PARAMETERS, SLOWEST, ArmTuning
-from robotree.sim.firmware.device import Plan, Progress, Start, ended, or_now, pursuing, require
-from robotree.sim.firmware.part import Part
-from robotree.sim.firmware.previews import POINTS, WayAhead
+from robotree.sim.firmware.device import (
+    Device,
+    Plan,
+    Progress,
+    Start,
+    WayAhead,
+    ended,
+    or_now,
+    pursuing,
+    require,
+    way_along,
+)
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.path import Path
 from robotree.sim.motion.pursuit import Group, Pursuit
@@ -42,12 +51,14 @@ AXES: Final = ("x", "y", "z", "twist")
 """Of a tool that points down."""
 
 
-class Arm(Part):
+class Arm(Device):
     """The arm in its cell.
 
     Args:
         ports: of the arm in the cell; its joints stand where the arm is switched on.
     """
+
+    setpoint_kinds = (SetpointKind.TOOL_POSE, SetpointKind.TOOL_VELOCITY)
 
     def __init__(self, ports: ArmPorts) -> None:
         self._ports = ports
@@ -69,12 +80,7 @@ class Arm(Part):
             Verb.GRIP: self._grip,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("an arm", PARAMETERS, plans)
-
-    @property
-    def setpoint_kinds(self) -> Collection[SetpointKind]:
-        """The set-points that it can follow."""
-        return (SetpointKind.TOOL_POSE, SetpointKind.TOOL_VELOCITY)
+        super().__init__("an arm", self.tuning, PARAMETERS, plans)
 
     def follow(self, kind: int, args: tuple[float, ...]) -> Start:
         """Check one set-point; nothing changes yet.
@@ -166,10 +172,7 @@ class Arm(Part):
         if verb != Verb.GO_TO:
             return WayAhead()
         _blend(args)
-        path = self._path_to(args)
-        ticks = [path.duration * tick / (POINTS - 1) for tick in range(POINTS)]
-        points = [path.at(tick).pose.tolist() for tick in ticks]
-        return WayAhead([(x, y, z) for x, y, z, _ in points], path.duration)
+        return way_along(self._path_to(args), lambda pose: (pose[0], pose[1], pose[2]))
 
     def _path_to(self, args: tuple[float, ...]) -> Path:
         start = self._follower.reference

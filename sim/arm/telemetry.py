@@ -1,7 +1,7 @@
 """Telemetry of the arm. Pure: readings in, messages out."""
 
 from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import pinocchio as pin
 
@@ -12,6 +12,10 @@ from robotree.sim.arm.world import ArmWorld
 from robotree.sim.firmware.telemetry import HOT, WARM, Stream
 from robotree.sim.physics.vectors import Matrix, Vector
 
+if TYPE_CHECKING:
+    from robotree.sim.arm.device import Arm
+    from robotree.sim.companion.limb import Limb
+
 _JOINT_PLACES: Final = 8
 _BONES: Final = 10
 GRIPPER_STATES: Final = {
@@ -21,28 +25,34 @@ GRIPPER_STATES: Final = {
 }
 
 
-def streams(world: ArmWorld) -> tuple[Stream, ...]:
-    """JOINTS and TOOL often; GRIPPER, the lever's angle (`lever`, rad) and `peak_f` (N) less so.
-
-    `peak_f` is `ArmState.peak_force`: the largest true net contact force on the hand since the start.
-    """
+def hand_streams(arm: "Arm | Limb") -> tuple[Stream, ...]:
+    """Of any arm with a hand: JOINTS and TOOL often, GRIPPER less so."""
 
     def joints(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
-        q = world.arm.state().q
+        q = arm.state().q
         return (Joints(time_boot_ms=now, position=padded(q), count=len(q)),)
 
-    def tool(now: int, busy: bool) -> Sequence[Message]:  # noqa: FBT001
-        state = world.arm.state()
+    def tool(now: int, busy: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
+        state = arm.state()
         x, y, z = state.position.tolist()
         fx, fy, fz, tx, ty, tz = state.wrench.tolist()
         return (Tool(now, x, y, z, fx, fy, fz, tx, ty, tz, quaternion(state.rotation), int(busy)),)
 
-    def gripper(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
-        state = world.arm.state()
+    def gripper(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
+        state = arm.state()
         grip = GRIPPER_STATES[state.grip]
         return (Gripper(now, state.width, state.width_commanded, state.grip_force, grip),)
 
-    def values(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
+    return Stream(Joints, HOT, joints), Stream(Tool, HOT, tool), Stream(Gripper, WARM, gripper)
+
+
+def streams(world: ArmWorld) -> tuple[Stream, ...]:
+    """Those of its hand; the lever's angle (`lever`, rad) and `peak_f` (N) less often; its skeleton if asked.
+
+    `peak_f` is `ArmState.peak_force`: the largest true net contact force on the hand since the start.
+    """
+
+    def values(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
         return (
             NamedValueFloat(now, "lever", world.lever_angle),
             NamedValueFloat(now, "peak_f", world.arm.state().peak_force),
@@ -50,7 +60,7 @@ def streams(world: ArmWorld) -> tuple[Stream, ...]:
 
     bones = Kinematics()  # its own scratch memory
 
-    def skeleton(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
+    def skeleton(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
         places = bones.skeleton(world.arm.state().q)[:_BONES]
         empty = [0.0] * (_BONES - len(places))
         x, y, z = ((*(place[axis] for place in places), *empty) for axis in range(3))
@@ -58,9 +68,7 @@ def streams(world: ArmWorld) -> tuple[Stream, ...]:
 
     return (
         Stream(Skeleton, None, skeleton),
-        Stream(Joints, HOT, joints),
-        Stream(Tool, HOT, tool),
-        Stream(Gripper, WARM, gripper),
+        *hand_streams(world.arm),
         Stream(NamedValueFloat, WARM, values),
     )
 

@@ -25,8 +25,7 @@ from robotree.sim.companion.tuning import (
     BaseTuning,
 )
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.device import Plan, Progress, Start, ended, or_now, require
-from robotree.sim.firmware.part import Part
+from robotree.sim.firmware.device import Device, Plan, Progress, Start, ended, or_now, require
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.physics.vectors import Vector
@@ -94,7 +93,7 @@ class BaseLook:
     led: Vector
 
 
-class Base(Part):
+class Base(Device):
     """The base in the body.
 
     Args:
@@ -119,7 +118,7 @@ class Base(Part):
             Verb.LEAN: self._lean_to,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("the base", BASE_PARAMETERS, plans)
+        super().__init__("the base", self.tuning, BASE_PARAMETERS, plans)
 
     def hold(self) -> None:
         """Drop the movement and come to a stand here."""

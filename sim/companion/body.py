@@ -56,7 +56,8 @@ class Body:
         battery: Battery,
     ) -> None:
         self._battery = battery
-        self._ports, self._people = ports, people
+        self._ports, self.people = ports, people
+        """Where everybody is."""
         self._figure, self._led = Figure(), Figure()
         thinking = Figure()
         self._guard = Guard(thinking, crowd)
@@ -96,10 +97,8 @@ class Body:
             led[ARMS[side]] = limb.lead(dt)
         goals = self._led.poses(led)
         for side, limb in enumerate(limbs):
-            _, moved = limb.reference
-            own = dynamics[side]
             axes = ARMS[side]
-            limb.control(dt, own, q[axes], v[axes], goals[side], moved, own.jacobian)
+            limb.control(dt, dynamics[side], q[axes], v[axes], goals[side])
         ports.neck[:] = self.head.control(dt, q[NECK], v[NECK], bias[NECK])
         place = np.array((ports.root[0], ports.root[1], self._heading))
         rate = np.array((ports.root_rate[0], ports.root_rate[1], ports.root_rate[5]))
@@ -135,7 +134,7 @@ class Body:
         Raises:
             GoalRefused: no posture, or the guard objects.
         """
-        self._guard.look(self.place, self._people())
+        self._guard.look(self.place, self.people())
         return self._planner.reach(side, self._whole(), goal, speed, acceleration, self.limbs[1 - side].ahead)
 
     def posture(self, side: int, end: Vector, speed: float, acceleration: float) -> Way:
@@ -144,7 +143,7 @@ class Body:
         Raises:
             GoalRefused: a joint does not go so far, or the guard objects.
         """
-        self._guard.look(self.place, self._people())
+        self._guard.look(self.place, self.people())
         return self._planner.posture(
             side, self._whole(), end, speed, acceleration, self.limbs[1 - side].ahead
         )
@@ -158,7 +157,7 @@ class Body:
         if speed <= HAND_SPEED * 1.001:
             return
         here = self._figure.pose(side, self._q).position
-        for person in self._people():
+        for person in self.people():
             x, y = self.place.inside(person.at)
             gaps = [math.hypot(x - p[0], y - p[1]) for p in (here, goal) if p is not None]
             if min(gaps) < BESIDE:
@@ -179,13 +178,9 @@ class Body:
         """Share of the full pace that an arm may have now."""
         return self._pace[side]
 
-    def people(self) -> Sequence[Person]:
-        """The people and their places."""
-        return self._people()
-
     def tipping(self, lean: float | None) -> Objection | None:
         """Why a drive, or a lean [rad], would tip the base over, or bend the body into something."""
-        self._guard.look(self.place, self._people())
+        self._guard.look(self.place, self.people())
         q = self._whole()
         if lean is None:
             return self._guard.tipping(q)
@@ -210,7 +205,7 @@ class Body:
 
     def _look(self) -> None:
         """Look ahead, and decide how fast everything may be in the coming moments."""
-        people, place = self._people(), self.place
+        people, place = self.people(), self.place
         here = (place.x, place.y)
         self._nearest = min((math.dist(here, each.at) for each in people), default=math.inf)
         self._base_pace = self._pace_of_base(people) if self.base.moving else 1.0

@@ -137,13 +137,6 @@ class Figure:
             )
         return bias, (arms[0], arms[1])
 
-    def jacobian(self, side: int, q: Vector) -> Matrix:
-        """(6, 6) of an arm: joint velocity -> linear and angular velocity of its tool, axes of B."""
-        pin.computeJointJacobians(self.model, self.data, q)
-        pin.updateFramePlacement(self.model, self.data, self._tools[side])
-        whole = pin.getFrameJacobian(self.model, self.data, self._tools[side], pin.LOCAL_WORLD_ALIGNED)
-        return np.array(whole[:, ARMS[side]])
-
     def balance(self, q: Vector) -> Balance:
         """Where the weight is at the posture `q` (15,)."""
         above = pin.centerOfMass(self.model, self.data, q)

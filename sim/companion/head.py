@@ -9,8 +9,7 @@ import numpy as np
 from robotree.protocol.messages import Reason, Speech, Verb
 from robotree.sim.companion.tuning import HEAD_PARAMETERS, HeadTuning
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.device import Plan, Progress, Start, ended, or_now, require
-from robotree.sim.firmware.part import Part
+from robotree.sim.firmware.device import Device, Plan, Progress, Start, ended, or_now, require
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.physics.vectors import Vector
@@ -27,7 +26,7 @@ LARGEST_STOCK: Final = 16
 """Texts that wait to be spoken."""
 
 
-class Head(Part):
+class Head(Device):
     """The head in the body.
 
     Args:
@@ -49,7 +48,7 @@ class Head(Part):
             Verb.SAY: self._say,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("the head", HEAD_PARAMETERS, plans)
+        super().__init__("the head", self.tuning, HEAD_PARAMETERS, plans)
 
     def hold(self) -> None:
         """Stay."""

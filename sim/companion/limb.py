@@ -20,10 +20,9 @@ from robotree.sim.companion.planner import Goal
 from robotree.sim.companion.tuning import HAND_ACCELERATION, LIMB_PARAMETERS, SLOWEST, LimbTuning
 from robotree.sim.companion.ways import Way
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.device import Plan, Start, ended, or_now, require
-from robotree.sim.firmware.part import Part
+from robotree.sim.firmware.device import Device, Plan, Start, ended, or_now, require
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
-from robotree.sim.physics.vectors import Matrix, Vector
+from robotree.sim.physics.vectors import Vector
 
 REACHED: Final = 0.010
 """[m] between hand and goal that counts as reached."""
@@ -70,7 +69,7 @@ class Thinking(Protocol):
         ...
 
 
-class Limb(Part):
+class Limb(Device):
     """One arm in the body.
 
     Args:
@@ -98,7 +97,7 @@ class Limb(Part):
             Verb.GRIP: self._grip,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("an arm", LIMB_PARAMETERS, plans)
+        super().__init__("an arm", self.tuning, LIMB_PARAMETERS, plans)
 
     def hold(self) -> None:
         """Drop the movement, brake, and rest here; the fingers keep what they hold."""
@@ -136,9 +135,7 @@ class Limb(Part):
         self._reference = self._follower.advance(dt, max(self._hand.load, slow))
         return self._reference.pose
 
-    def control(
-        self, dt: float, dynamics: Dynamics, q: Vector, v: Vector, goal: Pose, moved: Vector, turned: Matrix
-    ) -> None:
+    def control(self, dt: float, dynamics: Dynamics, q: Vector, v: Vector, goal: Pose) -> None:
         """One period [s] of the control law.
 
         Args:
@@ -147,25 +144,19 @@ class Limb(Part):
             q: (6,) joints [rad].
             v: (6,) their velocities [rad/s].
             goal: the hand of the posture to which it is led.
-            moved: (6,) joint velocities to which it is led [rad/s].
-            turned: (6, 6) Jacobian at that posture, or near to it.
         """
         self._q, self._pose = q, Pose(dynamics.position, dynamics.rotation)
         self._brake_left -= dt
         if self._brake_left <= 0.0:
             self._law.braking = 1.0
         self._law.tune(self._law.stiffness, self.tuning.force_limit, dt)
-        attractor = Attractor(goal.position, goal.rotation, turned @ moved, self._reference.pose)
+        led = self._reference
+        attractor = Attractor(goal.position, goal.rotation, dynamics.jacobian @ led.velocity, led.pose)
         self._hand.control(
             *(dt, dynamics, q, v, attractor),
             moving=self._follower.moving,
             grip_force=self.tuning.grip_force,
         )
-
-    @property
-    def reference(self) -> tuple[Vector, Vector]:
-        """Posture and joint velocities (6,) to which it is led."""
-        return self._reference.pose, self._reference.velocity
 
     def state(self) -> ArmState:
         """One reading, in B, not changed by later steps."""

@@ -5,16 +5,14 @@ from typing import Final
 
 from robotree.protocol.messages import (
     BaseState,
-    Gripper,
     Joints,
     LocalPositionNed,
     Message,
     NamedValueFloat,
     Speech,
     Tags,
-    Tool,
 )
-from robotree.sim.arm.telemetry import GRIPPER_STATES, padded, quaternion
+from robotree.sim.arm.telemetry import hand_streams, padded
 from robotree.sim.companion.limb import Limb
 from robotree.sim.companion.world import CompanionWorld
 from robotree.sim.firmware.telemetry import HOT, WARM, Stream
@@ -27,33 +25,12 @@ LONGEST_AGO: Final = 0xFFFF
 
 
 def limb_streams(limb: Limb) -> tuple[Stream, ...]:
-    """JOINTS and TOOL (in B) often; GRIPPER and `peak_f` (N) less so."""
+    """Those of its hand, in B; `peak_f` (N) less often."""
 
-    def joints(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
-        q = limb.state().q
-        return (Joints(time_boot_ms=now, position=padded(q), count=len(q)),)
-
-    def tool(now: int, busy: bool) -> Sequence[Message]:  # noqa: FBT001
-        state = limb.state()
-        x, y, z = state.position.tolist()
-        fx, fy, fz, tx, ty, tz = state.wrench.tolist()
-        return (Tool(now, x, y, z, fx, fy, fz, tx, ty, tz, quaternion(state.rotation), int(busy)),)
-
-    def gripper(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
-        state = limb.state()
-        return (
-            Gripper(now, state.width, state.width_commanded, state.grip_force, GRIPPER_STATES[state.grip]),
-        )
-
-    def values(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001
+    def values(now: int, _: bool) -> Sequence[Message]:  # noqa: FBT001  the shape of Stream.read
         return (NamedValueFloat(now, "peak_f", limb.state().peak_force),)
 
-    return (
-        Stream(Joints, HOT, joints),
-        Stream(Tool, HOT, tool),
-        Stream(Gripper, WARM, gripper),
-        Stream(NamedValueFloat, WARM, values),
-    )
+    return (*hand_streams(limb), Stream(NamedValueFloat, WARM, values))
 
 
 def head_streams(world: CompanionWorld) -> tuple[Stream, ...]:

@@ -12,9 +12,8 @@ import numpy as np
 
 from robotree.sim.companion.battery import Battery
 from robotree.sim.companion.body import Body
-from robotree.sim.companion.figure import ARMS, JOINT_NAMES, SIDES
+from robotree.sim.companion.figure import ARMS, SIDES
 from robotree.sim.companion.flat import (
-    CUP_HEIGHT,
     CUP_MASS,
     CUPS,
     DOCK,
@@ -263,7 +262,8 @@ def build(plays: Sequence[Play] = EVENING, start: tuple[float, float, float] = S
     """
     model = spec().compile()
     data = mujoco.MjData(model)
-    ports = bind(model, _forwarded(model, data))
+    mujoco.mj_forward(model, data)
+    ports = bind(model, data)
     x, y, heading = start
     ports.root[:] = x, y, 0.0, math.cos(heading / 2), 0.0, 0.0, math.sin(heading / 2)
     for arm in ARMS:
@@ -281,11 +281,3 @@ def build(plays: Sequence[Play] = EVENING, start: tuple[float, float, float] = S
 def _point(at: Vector) -> tuple[float, float, float]:
     x, y, z = at.tolist()
     return x, y, z
-
-
-def _forwarded(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    mujoco.mj_forward(model, data)
-    return data
-
-
-__all__ = ["CUP_HEIGHT", "JOINT_NAMES", "CompanionWorld", "Flat", "Heard", "Sight", "build"]

@@ -1,12 +1,15 @@
-"""The interface between the firmware and any simulated robot, and what devices need to check arguments."""
+"""The base of all simulated robots, between the firmware and their control, and what checks arguments."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from math import isinf, isnan
-from typing import Final, Protocol, TypeAlias
+from math import isinf, isnan, nan
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 from robotree.protocol.messages import Reason, SetpointKind, Verb
 from robotree.sim.errors import BadArgument, UnknownVerb
+
+if TYPE_CHECKING:
+    from robotree.sim.motion.path import Path
 
 Start: TypeAlias = Callable[[], None]
 """Begins the movement that was prepared."""
@@ -17,6 +20,8 @@ SINGLE: Final = 2.0**-23
 """Relative distance of neighbouring single-precision numbers (IEEE 754): what the wire can be off."""
 WIDEST: Final = 0.08
 """[m] between the fingers of an open gripper; DO_GRIPPER's RELEASE asks for it."""
+POINTS: Final = 12
+"""Of a way, on the wire."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,18 +51,6 @@ def ended() -> Progress:
 def pursuing() -> Progress:
     """A set-point is followed, which has no end."""
     return Progress(0.0)
-
-
-def planned(plans: Mapping[Verb, Plan], verb: int, args: tuple[float, ...]) -> Start:
-    """Return the start of a verb's movement, by a device's table of its verbs.
-
-    Raises:
-        UnknownVerb: it is not in the table.
-        GoalRefused: with the reason, by the verb's own plan.
-    """
-    if verb not in plans:
-        raise UnknownVerb(verb, [known.name for known in plans])
-    return plans[Verb(verb)](args)
 
 
 def require(name: str, value: float, lower: float, upper: float, unit: str) -> None:
@@ -109,28 +102,50 @@ class Tunable:
         setattr(owner, self.attribute, value)
 
 
-class Device(Protocol):
-    """One robot of a cell: a control law below, verbs above."""
+Point: TypeAlias = tuple[float, float, float]
+
+
+class WayAhead(NamedTuple):
+    """A way in W: up to `POINTS` points [m], the first where the robot is now, and how long it lasts [s]."""
+
+    points: Sequence[Point] = ()
+    duration: float = nan
+
+
+def way_along(path: "Path", point: Callable[[list[float]], Point]) -> WayAhead:
+    """The way along a path; `point`: where in W a pose of it is."""
+    ticks = [path.duration * tick / (POINTS - 1) for tick in range(POINTS)]
+    return WayAhead([point(path.at(tick).pose.tolist()) for tick in ticks], path.duration)
+
+
+class Device:
+    """One robot of a cell, or one part of its body: a control law below, verbs above.
+
+    Without more it follows no set-points, and tells no ways.
+
+    Args:
+        name: for what is refused, with its article.
+        tuning: the object whose attributes can be tuned.
+        parameters: which of them can be, in an order that stays.
+        plans: what checks and plans each verb.
+    """
+
+    setpoint_kinds: Collection[SetpointKind] = ()
+    """The set-points that it can follow."""
+
+    def __init__(
+        self, name: str, tuning: object, parameters: Collection[Tunable], plans: Mapping[Verb, Plan]
+    ) -> None:
+        self._name, self._plans = name, plans
+        self.tuned: Final = tuning
+        self.parameters: Final = parameters
+        """The parameters that can be tuned, of `tuned`."""
+        self._running: Callable[[], Progress] = ended
 
     @property
     def verbs(self) -> Collection[Verb]:
         """The verbs that it carries out."""
-        ...
-
-    @property
-    def setpoint_kinds(self) -> Collection[SetpointKind]:
-        """The set-points that it can follow."""
-        ...
-
-    @property
-    def parameters(self) -> Collection[Tunable]:
-        """The parameters that can be tuned, in an order that stays."""
-        ...
-
-    @property
-    def tuning(self) -> object:
-        """The object whose attributes `parameters` are."""
-        ...
+        return self._plans.keys()
 
     def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
         """Check and plan one movement; nothing moves yet.
@@ -145,27 +160,45 @@ class Device(Protocol):
         Raises:
             GoalRefused: with the reason; nothing has changed.
         """
-        ...
+        if verb not in self._plans:
+            raise UnknownVerb(verb, [known.name for known in self._plans])
+        return self._plans[Verb(verb)](args)
+
+    def way(self, verb: int, args: tuple[float, ...]) -> WayAhead:  # noqa: ARG002  none is told
+        """The way of a movement, planned and checked as by `prepare`; nothing moves.
+
+        Where it is empty, `prepare` is asked.
+
+        Args:
+            verb: as for `prepare`.
+            args: as for `prepare`.
+
+        Raises:
+            GoalRefused: as `prepare`.
+        """
+        return WayAhead()
 
     def follow(self, kind: int, args: tuple[float, ...]) -> Start:
         """Check one set-point; nothing changes yet.
 
         Args:
-            kind: what it says, one of `setpoint_kinds`.
-            args: (7,) its arguments as in robotree.xml; NaN means "as it is now".
+            kind: one of `setpoint_kinds`.
+            args: (7,) as in robotree.xml; NaN means "as it is now".
 
         Returns:
-            What follows it from then on, smoothly and within the limits, in place of whatever runs.
+            What follows it from then on, smoothly and within the limits of speed and place, in place of
+            whatever runs.
 
         Raises:
-            GoalRefused: it lies outside the limits; nothing has changed.
+            GoalRefused: it lies outside the limits; without `setpoint_kinds` always.
         """
-        ...
+        text = f"none with {len(args)} arguments: {self._name} follows no set-points"
+        raise BadArgument("kind", kind, text)
 
     def progress(self) -> Progress:
         """How far the movement is that was begun last; a set-point is never done."""
-        ...
+        return self._running()
 
     def hold(self) -> None:
         """Drop the movement and rest where the robot is, compliantly."""
-        ...
+        raise NotImplementedError

@@ -34,7 +34,7 @@ class Parameters:
 
     def __init__(self, device: Device, watchdog: Watchdog, rights: Rights) -> None:
         self._owners: dict[str, tuple[object, Tunable]] = {
-            **{each.name: (device.tuning, each) for each in device.parameters},
+            **{each.name: (device.tuned, each) for each in device.parameters},
             LINK_SILENCE.name: (watchdog, LINK_SILENCE),
         }
         self._server = ParameterServer(

@@ -6,48 +6,13 @@ the other way round. Anybody may ask: it changes nothing, and who does not hold 
 Pure. `now` is controller time in whole milliseconds.
 """
 
-from collections.abc import Sequence
-from math import nan
-from typing import Final, NamedTuple, Protocol, runtime_checkable
-
 from robotree.protocol.messages import Reason, WayRequest, WayStatus
 from robotree.protocol.services.goal_server import misfit
 from robotree.protocol.services.peer import Peer
 from robotree.sim.errors import GoalRefused
-from robotree.sim.firmware.device import Device
+from robotree.sim.firmware.device import POINTS, Device, WayAhead
 from robotree.sim.firmware.movement import Movement
 from robotree.sim.firmware.outgoing import Outgoing
-
-POINTS: Final = 12
-"""Of a way, on the wire."""
-
-Point = tuple[float, float, float]
-
-
-class WayAhead(NamedTuple):
-    """A way in W: up to `POINTS` points [m], the first where the robot is now, and how long it lasts [s]."""
-
-    points: Sequence[Point] = ()
-    duration: float = nan
-
-
-@runtime_checkable
-class Foreseeing(Protocol):
-    """A device that can say which way a movement would take."""
-
-    def way(self, verb: int, args: tuple[float, ...]) -> WayAhead:
-        """The way of a movement, planned and checked as by `prepare`; nothing moves.
-
-        Where it is empty, `prepare` is asked.
-
-        Args:
-            verb: as for `prepare`.
-            args: as for `prepare`.
-
-        Raises:
-            GoalRefused: as `prepare`.
-        """
-        ...
 
 
 class Previews:
@@ -70,8 +35,7 @@ class Previews:
             reason, text = Reason.STOPPED, bar
         else:
             try:
-                if isinstance(self._device, Foreseeing):
-                    way = self._device.way(question.verb, question.args)
+                way = self._device.way(question.verb, question.args)
                 if not way.points:
                     self._device.prepare(question.verb, question.args)
             except GoalRefused as refusal:

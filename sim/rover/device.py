@@ -1,7 +1,7 @@
 """The rover as one robot: a jerk-limited set-point, a servo on its drive, and the verb MOVE."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,17 +10,18 @@ import numpy as np
 from robotree.protocol.messages import Reason, SetpointKind, Verb
 from robotree.sim.errors import BadArgument, OutOfReach
 from robotree.sim.firmware.device import (
+    Device,
     Plan,
     Progress,
     Start,
     Tunable,
+    WayAhead,
     ended,
     or_now,
     pursuing,
     require,
+    way_along,
 )
-from robotree.sim.firmware.part import Part
-from robotree.sim.firmware.previews import POINTS, WayAhead
 from robotree.sim.motion.follower import Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.motion.pursuit import Group, Pursuit
@@ -80,12 +81,14 @@ class RoverState:
     velocity: Vector
 
 
-class Rover(Part):
+class Rover(Device):
     """The rover in its cell.
 
     Args:
         ports: of the rover in the cell.
     """
+
+    setpoint_kinds = (SetpointKind.BASE_VELOCITY,)
 
     def __init__(self, ports: RoverPorts) -> None:
         self._ports = ports
@@ -99,12 +102,7 @@ class Rover(Part):
             Verb.GO_TO: self._go_to,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("a rover", PARAMETERS, plans)
-
-    @property
-    def setpoint_kinds(self) -> Collection[SetpointKind]:
-        """The set-points that it can follow."""
-        return (SetpointKind.BASE_VELOCITY,)
+        super().__init__("a rover", self.tuning, PARAMETERS, plans)
 
     def follow(self, kind: int, args: tuple[float, ...]) -> Start:  # noqa: ARG002  there is one kind
         """Check one set-point; nothing changes yet.
@@ -177,9 +175,7 @@ class Rover(Part):
             path = self._path_to(self._ports.position + np.array(args[:2]), args[2])
         else:
             return WayAhead()
-        ticks = [path.duration * tick / (POINTS - 1) for tick in range(POINTS)]
-        points = [path.at(tick).pose.tolist() for tick in ticks]
-        return WayAhead([(x, y, 0.0) for x, y in points], path.duration)
+        return way_along(path, lambda pose: (pose[0], pose[1], 0.0))
 
     def _path_to(self, goal: Vector, speed: float) -> Line:
         """The way to a place (2,) [m] at a speed [m/s], NaN: the usual one.

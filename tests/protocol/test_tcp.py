@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.protocol import Endpoint, Parser
-from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun, LinkRefused
+from robotree.protocol.errors import LinkBroken, LinkClosed, LinkError, LinkOverrun
 from robotree.protocol.links import tcp
 from robotree.protocol.links.outbox import BOUND
 from robotree.protocol.links.url import connect, listen
@@ -118,6 +118,7 @@ async def test_what_is_said_to_a_client_that_has_reset_is_dropped_without_a_word
     assert link.statistics.dropped > 90
     await until(lambda: server.reasons)
     assert isinstance(server.reasons[0], LinkBroken)
+    assert "reset" in str(server.reasons[0])
     assert not [record for record in caplog.records if record.name == "asyncio"]
     await listener.close()
 
@@ -214,21 +215,6 @@ async def test_what_is_said_last_is_read_by_a_client_that_speaks_meanwhile() -> 
     await listener.close()
 
 
-async def test_a_port_where_nobody_listens_is_refused_in_one_sentence() -> None:
-    listener = await listen("tcp:0", RecordingHandler)
-    await listener.close()
-    with pytest.raises(LinkRefused, match="cannot be opened: Connection refused") as refused:
-        await connect(listener.address, RecordingHandler)
-    assert refused.value.address == listener.address
-
-
-async def test_a_port_that_is_taken_is_refused_in_one_sentence() -> None:
-    listener = await listen("tcp:0", RecordingHandler)
-    with pytest.raises(LinkRefused, match="Address already in use"):
-        await listen(listener.address, RecordingHandler)
-    await listener.close()
-
-
 async def test_an_ending_listener_ends_its_links_and_says_so() -> None:
     ends = RecordingHandlers()
     listener = await listen("tcp:0", ends)
@@ -238,19 +224,6 @@ async def test_an_ending_listener_ends_its_links_and_says_so() -> None:
     await until(lambda: all(each.reasons for each in ends))
     reasons = [reason for each in ends for reason in each.reasons]
     assert sorted(reason.by_us for reason in reasons if isinstance(reason, LinkClosed)) == [False, True]
-
-
-async def test_a_reset_is_told_as_a_break() -> None:
-    server = Server()
-    listener = await listen("tcp:0", server.accept)
-    rude = Silent(listener.address)
-    await until(lambda: server.endpoints)
-    rude.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
-    rude.socket.close()
-    await until(lambda: server.reasons)
-    assert isinstance(server.reasons[0], LinkBroken)
-    assert "reset" in str(server.reasons[0])
-    await listener.close()
 
 
 async def test_a_connection_that_is_reset_before_it_is_looked_at_is_told_as_a_break(

@@ -208,16 +208,6 @@ async def test_the_frame_that_a_reading_waits_for_wakes_it(
             assert info["x"] == pytest.approx(x), "it is heard after the question"
 
 
-async def test_grip_knows_open_and_closed(scene: Scene) -> None:
-    for action, width in (("open", 0.08), ("close", 0.0), ("width", 0.03)):
-        call = scene.begin("grip", {"action": action, "width": 0.03})
-        count = len(scene.controller.begun)
-        await until(lambda count=count: len(scene.controller.begun) > count, "the goal arrives")
-        scene.controller.finish(GoalState.SUCCEEDED)
-        await call
-        assert scene.goals[-1].args[0] == pytest.approx(width)
-
-
 async def test_a_controller_that_has_just_come_back_is_read_before_the_robot_is_shown_as_online(
     scene: Scene,
 ) -> None:

@@ -19,7 +19,6 @@ from robotree.protocol.messages import (
     Tool,
 )
 from robotree.protocol.services.command_client import RESEND
-from robotree.protocol.services.goal_client import GoalProgress
 from robotree.protocol.services.heartbeat import SILENCE
 from robotree.proxy.session import DEAD, ControllerSession
 
@@ -45,20 +44,6 @@ def test_while_it_moves_for_us_three_heartbeats_in_a_row_may_be_lost(talk: Talk)
     assert len([message for message in talk.controller.heard if isinstance(message, Heartbeat)]) in {10, 11}
 
 
-def test_a_robot_is_online_once_its_controller_was_heard(talk: Talk) -> None:
-    assert not talk.session.online
-    talk.wait(0.1)
-    assert talk.session.online
-    assert talk.turns == [True]
-
-
-def test_both_sides_hear_a_heartbeat_every_second(talk: Talk) -> None:
-    talk.wait(10.0)
-    beats = [message for message in talk.controller.heard if isinstance(message, Heartbeat)]
-    assert 10 <= len(beats) <= 11
-    assert talk.turns == [True]
-
-
 def test_a_silent_controller_is_offline_and_its_link_is_given_up(talk: Talk) -> None:
     talk.wait(1.0)
     talk.controller.mute = True
@@ -79,21 +64,6 @@ def test_a_link_on_which_nobody_speaks_is_given_up(talk: Talk) -> None:
     talk.wait(1.0)
     assert talk.redials
     assert talk.turns == []
-
-
-def test_a_goal_tells_its_progress_and_its_end(talk: Talk) -> None:
-    talk.wait(0.1)
-    talk.start()
-    talk.wait(0.1)
-    talk.controller.progress(0.1)
-    talk.wait(0.2)
-    talk.controller.progress(0.5)
-    talk.wait(0.1)
-    talk.controller.finish(GoalState.SUCCEEDED)
-    talk.wait(0.1)
-    assert max(event.progress for event in talk.events if isinstance(event, GoalProgress)) == 0.5
-    assert talk.ends == [GoalState.SUCCEEDED]
-    assert talk.controller.begun[0].args[0] == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -132,17 +102,6 @@ def test_a_goal_survives_a_short_break_of_its_link(talk: Talk) -> None:
     talk.wait(1.5)
     assert talk.ends == [GoalState.SUCCEEDED]
     assert len(talk.controller.begun) == 1
-
-
-def test_what_is_heard_is_remembered_beyond_the_end_of_the_link(talk: Talk) -> None:
-    talk.wait(0.1)
-    talk.controller.tell_tool()
-    talk.wait(0.1)
-    talk.cut()
-    talk.wait(5.0)
-    readings = talk.session.twin.readings(talk.now)
-    assert readings["x"] == pytest.approx(0.1)
-    assert readings["age"] == pytest.approx(5.0, abs=0.1)
 
 
 def asked(talk: Talk) -> list[CommandLong]:

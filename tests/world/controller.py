@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from math import ceil, inf
 from typing import Any
 
 from robotree.protocol.endpoint import Endpoint
 from robotree.protocol.errors import LinkBroken, LinkError, LinkRefused
 from robotree.protocol.links.link import Accept, Link
-from robotree.protocol.messages import MavType, SetpointKind, Verb
+from robotree.protocol.messages import MavType, Verb
 from robotree.protocol.services.fence import Fence
 from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import COMPONENT, Firmware
 from robotree.sim.firmware.description import Identity
-from robotree.sim.firmware.device import Plan, Progress, Start, Tunable, ended, planned
+from robotree.sim.firmware.device import Device, Progress, Start, ended
 from robotree.testing.cable import Cable, CableEnd
 from robotree.vr.world.virtual_runner import BEGINNING, VirtualRunner
 from robotree.vr.world.world import SimulatedProcess, World
@@ -32,37 +32,23 @@ OnBegin = Callable[[str, int, int], None]
 """Told of a drive that begins: controller, ticket, epoch."""
 
 
-class Cart:
+class Cart(Device):
     """A device that drives for a while.
 
     MOVE's arguments are how long [s], a ticket that tells the drive from all others, and the epoch of the
     lease under which it was asked for, above `FIRST_EPOCH` (a float of the wire is exact up to 2**24).
     """
 
-    parameters: Collection[Tunable] = ()
-    tuning: object = None
-    setpoint_kinds: Collection[SetpointKind] = ()
-
     def __init__(self, now: Callable[[], float], on_begin: Callable[[int, int], None]) -> None:
         self._now, self._on_begin = now, on_begin
-        self._plans: Mapping[Verb, Plan] = {Verb.MOVE: self._move, Verb.HOLD: lambda _: self.hold}
+        super().__init__("a cart", None, (), {Verb.MOVE: self._move, Verb.HOLD: lambda _: self.hold})
         self._began = self._ends = 0.0
         self.ticket: int | None = None
         """Of the drive under way."""
 
     @property
-    def verbs(self) -> Collection[Verb]:
-        return self._plans.keys()
-
-    @property
     def moving(self) -> bool:
         return self.ticket is not None and self._now() < self._ends
-
-    def prepare(self, verb: int, args: tuple[float, ...]) -> Start:
-        return planned(self._plans, verb, args)
-
-    def follow(self, kind: int, args: tuple[float, ...]) -> Start:
-        raise NotImplementedError
 
     def progress(self) -> Progress:
         if self.ticket is None:
