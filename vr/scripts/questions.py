@@ -17,25 +17,24 @@ ANSWER_LENGTH = 400
 class Questions:
     """Open questions by conversation, the oldest first."""
 
+    """Open questions by conversation, the oldest first."""
+
     def __init__(self) -> None:
         """Nothing is asked."""
         self._open: dict[str, PersonAsked] = {}
+        """Another one after each change, so that who looks at it has the one or the other."""
 
     def __len__(self) -> int:
         return len(self._open)
 
     def ask(self, question: PersonAsked) -> None:
         """Put a question; one of the same conversation is replaced, and comes last."""
-        self._open = {key: one for key, one in self._open.items() if key != question.conversation}
-        self._open[question.conversation] = question
+        self.take_back(question.conversation)
+        self._open = {**self._open, question.conversation: question}
 
-    def take_back(self, conversation: str | None) -> None:
-        """Take a question back; None: nothing at all."""
-        self._open = (
-            {}
-            if conversation is None
-            else {key: one for key, one in self._open.items() if key != conversation}
-        )
+    def take_back(self, conversation: str) -> None:
+        """Take a question back, if it waits."""
+        self._open = {key: one for key, one in self._open.items() if key != conversation}
 
     def attributes(self) -> Mapping[str, str]:
         """Return the oldest question as attributes of its robot; empty: there is none."""

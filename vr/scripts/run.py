@@ -279,10 +279,10 @@ class ScriptRun:
     # -- the loop ----------------------------------------------------------------------------------
 
     def whole(self) -> str:
-        """Lead until a rule ends it; return what it says at the end.
+        """Lead until a rule ends it; return what it says at the end. What it has begun ends with its command.
 
         Raises:
-            CommandFailed: it cannot go on; all that it has begun is cancelled.
+            CommandFailed: it cannot go on.
             CommandCancelled: it was ended from outside.
         """
         try:
@@ -292,8 +292,6 @@ class ScriptRun:
                 self.take(self._next(self.look))
         except ScriptError as error:
             raise self._failed(str(error)) from None
-        finally:
-            self._cancel(None)
         if not self._over.well:
             raise self._failed(self._over.text)
         return self._over.text
@@ -668,22 +666,20 @@ class ScriptRun:
             return [{}, None, str(error)]
         return [dict(named), None if limit is None else [*limit], ""]
 
-    def _cancel(self, what: str | None) -> None:
+    def _cancel(self, what: str) -> None:
         self.questions.take_back(what)
         cancelled: list[int] = []
         for number, act in list(self._acts.items()):
             partner = self._names[act.order.partner]
-            if what is None or what in {act.order.conversation, act.order.partner, partner}:
+            if what in {act.order.conversation, act.order.partner, partner}:
                 del self._acts[number]
                 self._of_groups.pop(act.group, None)
                 if act.call is not None:
                     act.call.cancel()
                 cancelled.append(number)
-        for number in cancelled if what is not None else ():
+        for number in cancelled:
             self._begin_after(number, "that was cancelled")
-        self._timers = (
-            [] if what is None else [timer for timer in self._timers if timer[1].conversation != what]
-        )
+        self._timers = [timer for timer in self._timers if timer[1].conversation != what]
 
     def _say(self, text: str) -> None:
         self.last_log = text

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
-from robotree.vr.base.errors import CommandFailed
 from robotree.vr.world.network import MemoryTransport
 from tests.vr.scripts.stage import Stage
 from tests.vr.scripts.test_script_stories import GO, led
@@ -22,20 +19,6 @@ def process(stage: Stage, name: str) -> MemoryTransport:
     transport = stage.agents[name].transport
     assert isinstance(transport, MemoryTransport)
     return transport
-
-
-async def test_a_partner_that_is_killed_in_the_middle_of_an_act_ends_the_script_with_a_sentence(
-    stage: Stage,
-) -> None:
-    robot, _, running = await led(stage)
-    robot.go.clear()
-    await stage.call("guide", "go", place="hall")
-    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
-    stage.network.kill(process(stage, "c1"))
-    with pytest.raises(CommandFailed, match=r"robot is lost \(.+\) and no rule of small handles it"):
-        await running
-    assert robot.done == []
-    robot.go.set()
 
 
 async def test_rules_that_handle_a_killed_partner_go_on_with_the_next_one(stage: Stage) -> None:

@@ -10,7 +10,6 @@ import pytest
 from robotree.vr.base.errors import (
     BadArgument,
     BrokenScript,
-    CommandCancelled,
     CommandFailed,
     NoRoles,
     NoSuchRole,
@@ -161,19 +160,6 @@ async def test_a_lost_partner_ends_the_script_and_its_acts(stage: Stage) -> None
     assert robot.done == []
 
 
-async def test_a_rule_may_handle_a_lost_partner_and_the_next_one_is_found(stage: Stage) -> None:
-    source = GO + "  - rule: lost\n    when: [lost: {partner: robot, reason: $why}]\n    then: [log: $why]\n"
-    _, script, running = await led(stage, source)
-    await stage.release("guide", "robot")
-    await stage.until(lambda: script.condition == "inactive: needs robot (Companion)")
-    assert not running.done()
-    other = await stage.companion("c2")
-    await stage.enslave("guide", "robot", "c2")
-    await stage.until(lambda: script.condition == "active")
-    await stage.call("guide", "go", place="hall")
-    await stage.until(lambda: other.done == ["go_to hall at 0.5"])
-
-
 async def test_a_partner_without_what_is_needed_does_not_make_a_script_active(stage: Stage) -> None:
     source = GO.replace("robot: Companion", "robot: {kind: Companion, needs: [fly]}")
     await stage.companion()
@@ -194,17 +180,6 @@ async def test_only_those_who_may_start_a_script_start_it(stage: Stage) -> None:
     await stage.script(GO.replace("hears:", "start: {by: [butler]}\nhears:"))
     with pytest.raises(CommandFailed, match=r"operator may not start it; those may: butler"):
         await stage.call("guide", "start")
-
-
-async def test_a_protective_stop_ends_the_script_and_what_it_has_begun(stage: Stage) -> None:
-    robot, script, running = await led(stage)
-    robot.go.clear()
-    await stage.call("guide", "go", place="hall")
-    await stage.client("guide").safe_stop("a test")
-    with pytest.raises(CommandCancelled, match=r"a test"):
-        await running
-    assert script.condition == "ready"
-    await stage.until(lambda: not stage.agents["c1"].description().busy)
 
 
 async def test_a_request_waits_for_the_answer_of_a_rule(stage: Stage) -> None:
