@@ -13,6 +13,7 @@ import logging
 import math
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from functools import partial
+from typing import Any
 
 import msgspec
 
@@ -775,7 +776,8 @@ class RobotAgent:
             case Renew():
                 return self._renew(request, asker)
             case Release():
-                self._end_lease(request, f"{request.parent.name} released it", asker)
+                reason = f"{request.parent.name} released it"
+                self._end_lease(request.parent, reason, asker, epoch=request.epoch)
                 return Done()
             case _:
                 raise not_for("robot", request)
@@ -891,7 +893,7 @@ class RobotAgent:
         try:
             effects = self.runtime.post(renewal)
         except CycleOfBonds as error:
-            self._end_lease(request, str(error), asker)
+            self._end_lease(request.parent, str(error), asker, epoch=request.epoch)
             raise
         if lease is None or lease.parent != request.parent:  # the parent goes on as another incarnation
             self._watch(request.parent)
@@ -903,31 +905,15 @@ class RobotAgent:
         return _granted(effects, description, self._process.returns)
 
     def _retract(self, request: Retract, asker: Principal) -> Reply:
-        parent = request.parent
-        self._expect_only_one(parent, asker)
-        self.runtime.post(
-            on.EndLease(
-                parent=parent,
-                unix=self._unix(),
-                reason=f"{parent.name} did not hear that it was granted",
-                petition=request.key,
-                taken_back=True,
-                principal=asker,
-            )
-        )
+        reason = f"{request.parent.name} did not hear that it was granted"
+        self._end_lease(request.parent, reason, asker, petition=request.key, taken_back=True)
         return Done()
 
-    def _end_lease(self, request: Release | Renew, reason: str, asker: Principal) -> None:
-        self._expect_only_one(request.parent, asker)
-        self.runtime.post(
-            on.EndLease(
-                parent=request.parent,
-                unix=self._unix(),
-                reason=reason,
-                epoch=request.epoch,
-                principal=asker,
-            )
-        )
+    def _end_lease(self, parent: Address, reason: str, asker: Principal, **which: Any) -> None:
+        """End a lease; `which`: the fields of `EndLease` that name it."""
+        self._expect_only_one(parent, asker)
+        end = on.EndLease(parent=parent, unix=self._unix(), reason=reason, principal=asker, **which)
+        self.runtime.post(end)
 
     def _expect_only_one(self, parent: Address, asker: Principal) -> None:
         """Refuse another incarnation of the parent while the one that holds the lease is present.

@@ -852,7 +852,7 @@ class Host:
         self.forget(agent)
         self._ended = [ended for ended in (*self._ended, agent) if ended.abandoned]
 
-    async def answer(  # noqa: C901, PLR0911 # one for each request
+    async def answer(  # noqa: C901, PLR0911, PLR0912 # one for each request
         self, received: Received, send: SendReply = lambda _: None
     ) -> Reply:
         """Answer a request to this host, once it is authorised; `send` sends replies before the last one.
@@ -883,8 +883,12 @@ class Host:
                 )
             case DescribeHost(ways_to=keys) if keys and self.placing is not None:
                 return replace(self.description(), ways=await self.placing.measured(keys))
-            case ReadBundle() | ReadHistory() | DescribeHost():
-                return self._told(request)
+            case DescribeHost():
+                return self.description()
+            case ReadBundle():
+                return self.bundles.answer(request)
+            case ReadHistory():
+                return History(lines=tuple(self._remembered))
             case Migrate(robot=robot, host=host):
                 return await self.moves.migrate(robot, host, received.principal)
             case Drain():
@@ -913,15 +917,6 @@ class Host:
     def _apart(self, name: str) -> RobotApart | None:
         """Return the robot of this name that lives in a process of its own."""
         return None if self.apart is None else self.apart.robots.get(name)
-
-    def _told(self, request: ReadBundle | ReadHistory | DescribeHost) -> Reply:
-        match request:
-            case ReadBundle():
-                return self.bundles.answer(request)
-            case ReadHistory():
-                return History(lines=tuple(self._remembered))
-            case DescribeHost():
-                return self.description()
 
     async def _whole(self, page: Create, asker: Principal) -> Create:
         """Return a request with its page, which it may name by its hash alone.

@@ -153,9 +153,9 @@ class OutsideCalls:
         """The answers by the class of the request."""
         return {
             Call: lambda received, incoming: self._call(received, incoming.reply, incoming.end),
-            Cancel: self._cancel,
-            Detach: self._detach,
-            Attend: self._press,
+            Cancel: self._order,
+            Detach: self._order,
+            Attend: self._order,
         }
 
     # -- inside -----------------------------------------------------------------------------------
@@ -264,37 +264,26 @@ class OutsideCalls:
         if not self._is_open():
             raise Unreachable(key=self._runtime.key)
 
-    def _cancel(self, received: Received, incoming: Incoming) -> None:
-        request, asker = received.request, received.principal
-        assert isinstance(request, Cancel)  # noqa: S101 # see `answers`
-        reason = request.reason or "on request"
-        if asker.person and not request.key:
-            reason = f"{asker.person} cancelled all that {self._runtime.robot.name} did"
-        if request.key:
-            order: CoreEvent = on.CancelAsked(
-                key=request.key, reason=reason, epoch=request.epoch, principal=asker
-            )
-        else:
-            order = on.CancelAll(reason=reason, epoch=request.epoch, principal=asker)
-        idle = not request.key and not self._runtime.look(lambda state: state.calls.live)
-        self._order(order, incoming, "it carried nothing out" if idle else "")
-
-    def _detach(self, received: Received, incoming: Incoming) -> None:
-        request = received.request
-        assert isinstance(request, Detach)  # noqa: S101 # see `answers`
-        self._order(
-            on.DetachAsked(key=request.key, epoch=request.epoch, principal=received.principal), incoming
-        )
-
-    def _press(self, received: Received, incoming: Incoming) -> None:
-        request = received.request
-        assert isinstance(request, Attend)  # noqa: S101 # see `answers`
-        age = math.inf if math.isnan(request.age) else max(request.age, 0.0)  # no number is no key
-        at = received.asked - age
-        self._order(on.Attended(key=request.key, at=at, principal=received.principal), incoming)
-
-    def _order(self, order: CoreEvent, incoming: Incoming, note: str = "") -> None:
+    def _order(self, received: Received, incoming: Incoming) -> None:
+        """Take an order about calls that came before."""
+        request, asker, note = received.request, received.principal, ""
         self._expect_open()
+        match request:
+            case Cancel(key="", epoch=epoch, reason=reason):
+                if not self._runtime.look(lambda state: state.calls.live):
+                    note = "it carried nothing out"
+                if asker.person:
+                    reason = f"{asker.person} cancelled all that {self._runtime.robot.name} did"
+                order: CoreEvent = on.CancelAll(reason=reason or "on request", epoch=epoch, principal=asker)
+            case Cancel(key=key, epoch=epoch, reason=reason):
+                reason = reason or "on request"
+                order = on.CancelAsked(key=key, reason=reason, epoch=epoch, principal=asker)
+            case Attend(key=key, age=age):
+                age = math.inf if math.isnan(age) else max(age, 0.0)  # no number is no key
+                order = on.Attended(key=key, at=received.asked - age, principal=asker)
+            case _:
+                assert isinstance(request, Detach)  # noqa: S101 # see `answers`
+                order = on.DetachAsked(key=request.key, epoch=request.epoch, principal=asker)
         self._runtime.post(order)
         incoming.end(encode(Done(note=note)))
 

@@ -294,7 +294,9 @@ class ChildCall(Started):
             return
         if self._neighbour is not None:
             with contextlib.suppress(VrError):  # it has just ended
-                self._neighbour.press(self._called, at, self.frame.runtime.principal)
+                self._neighbour.post(
+                    on.Attended(key=self._called, at=at, principal=self.frame.runtime.principal)
+                )
         elif self._sent is not None:
             age = self.frame.worker.process.runner.now() - at
             attend = Attend(key=self._called, epoch=self._sent.epoch, age=max(age, 0.0))
@@ -483,10 +485,8 @@ class ChildCall(Started):
 
         That nobody serves the child's key is said at once, in the thread that asks.
         """
-        worker = self.frame.worker
-        return worker.here() != worker.thread and not self.frame.runtime.child_only_reads(
-            self.slot, self.command
-        )
+        worker, spec = self.frame.worker, self.frame.runtime.known_child_spec(self.slot, self.command)
+        return worker.here() != worker.thread and (spec is None or spec.effect != "read")
 
     def _comes_back(self) -> bool:
         """Whether the child is still bound, and comes back with all that it had accepted."""
@@ -715,7 +715,7 @@ class ChildCall(Started):
             return
         if self._neighbour is not None:
             with contextlib.suppress(LeaseError):  # as above
-                self._neighbour.detach(self._called, principal=self.frame.runtime.principal)
+                self._neighbour.post(on.DetachAsked(key=self._called, principal=self.frame.runtime.principal))
         elif self._sent is not None:
             self.frame.runtime.ask(self.child.key, Detach(key=self._called, epoch=self._sent.epoch), _ignore)
 

@@ -222,5 +222,5 @@ def _look(call: DoubtfulCall, part: Asker) -> str:
             for reading, value in list(readings.items())[:MOST_READINGS]
         ]
         seen = f"{name} reads {', '.join(shown)}, {age:.1f} s ago" if shown else f"{name} reads nothing"
-    views = [key.split("/")[1] for key in runtime.views()]
+    views = [key.split("/")[1] for key in runtime.present("view")]
     return f"{seen}; picture: `robotree look {min(views)}`" if views else seen

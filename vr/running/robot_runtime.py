@@ -26,7 +26,7 @@ from robotree.vr.author.fields import SET
 from robotree.vr.author.robot import Robot
 from robotree.vr.author.signature import Command
 from robotree.vr.author.virtual_robot import VirtualRobot, exposures_of, slot_specs
-from robotree.vr.base.address import Address, everyone
+from robotree.vr.base.address import Address, Role, everyone
 from robotree.vr.base.arguments import check_arguments
 from robotree.vr.base.description import Arguments, CommandSpec, FieldSpec, Placement, offered
 from robotree.vr.base.errors import (
@@ -878,24 +878,7 @@ class RobotRuntime:
         """End a call; the principal is its caller, or the robot itself."""
         self.post(on.CancelAsked(key=key, reason=reason, final=final, principal=principal))
 
-    def detach(self, key: str, *, principal: Principal = ITSELF) -> None:
-        """Let a call go on without the command that has made it; the principal is its caller."""
-        self.post(on.DetachAsked(key=key, principal=principal))
-
     # -- somebody at a key ------------------------------------------------------------------------
-
-    def press(self, key: str, at: float, principal: Principal = ITSELF) -> None:
-        """Take note that somebody at a key attends a call; the principal is its caller.
-
-        Args:
-            key: of the call.
-            at: [s] on the runner's clock, when the key was pressed.
-            principal: who says so.
-
-        Raises:
-            NobodyAttends: it is another one's call.
-        """
-        self.post(on.Attended(key=key, at=at, principal=principal))
 
     def attended_until(self, key: str) -> float:
         """[s] until when a live call is attended; 0: nobody attends it."""
@@ -1115,12 +1098,16 @@ class RobotRuntime:
         with self._lock:
             return self.core.state.slots.require(slot).description.command(command)
 
+    def known_child_spec(self, slot: str, command: str) -> CommandSpec | None:
+        """Return the same; None also where there is no child."""
+        try:
+            return self.child_spec(slot, command)
+        except VrError:  # the slot is empty
+            return None
+
     def child_parameters(self, slot: str, command: str) -> tuple[FieldSpec, ...]:
         """Return the parameters of a child's command; empty: there are none, or it is not known."""
-        try:
-            spec = self.child_spec(slot, command)
-        except VrError:  # the slot is empty
-            return ()
+        spec = self.known_child_spec(slot, command)
         return spec.parameters if spec else ()
 
     def expect_permitted(self, slot: str, command: str) -> None:
@@ -1147,14 +1134,6 @@ class RobotRuntime:
             if watched is not None and watched.watched is not None:
                 return (watched.spec.kind,)  # it is of this kind at least, and no more is known
             return slots.require(slot).description.kinds
-
-    def child_only_reads(self, slot: str, command: str) -> bool:
-        """Whether a command of the child in a slot is known to change nothing."""
-        try:
-            spec = self.child_spec(slot, command)
-        except VrError:
-            return False
-        return spec is not None and spec.effect == "read"
 
     def find_bond(self, slot: str) -> Bond | None:
         """Return a copy of the bond with the child in a slot; None: it is empty."""
@@ -1217,13 +1196,9 @@ class RobotRuntime:
             number, lowest = ledger.open()
         return source, number, lowest, partial(ledger.numbers.discard, number)
 
-    def views(self) -> list[str]:
-        """Return the keys of the views that run."""
-        return self._transport.presence.keys(everyone("view", "*"))
-
-    def spaces(self, name: str) -> list[str]:
-        """Return the keys of the spaces of a name that run; empty: of all."""
-        return self._transport.presence.keys(everyone("space", name or "*"))
+    def present(self, role: Role, name: str = "") -> list[str]:
+        """Return the keys of the agents of a role and name that run; empty: of any name."""
+        return self._transport.presence.keys(everyone(role, name or "*"))
 
     def is_there(self, key: str) -> bool:
         """Whether an agent is present under a key."""

@@ -107,7 +107,7 @@ def space_of(runtime: RobotRuntime, space: str) -> tuple[str, str]:
         NoSpace: none of this name does.
         SeveralSpaces: several do, and none was named.
     """
-    found = {key: key.split("/")[1] for key in runtime.spaces(space)}
+    found = {key: key.split("/")[1] for key in runtime.present("space", space)}
     if not found:
         raise NoSpace(name=f"{space!r} " if space else "", example=space or "jobs")
     if len(found) > 1:
