@@ -174,13 +174,6 @@ async def test_it_goes_through_with_progress_checks_and_the_queue(realm: Any) ->
     assert driver.description().calls == {"drive": 2, "square": 1, "get_info": 1}
 
 
-async def test_it_ends_at_the_callers_deadline(realm: Any) -> None:
-    driver, rover = await crew(realm)
-    with pytest.raises(DeadlineExceeded):
-        await realm.client(driver).call("drive", {"x": 5}, deadline=1.0)
-    await realm.until(lambda: rover.description().busy == "", within=1.0)
-
-
 async def test_what_a_grandchild_offers_is_seen_at_the_top_soon_after_it_came(realm: Any) -> None:
     driver, top = await realm.start(Driver("driver")), await realm.start(Top("top"))
     await realm.client(top).enslave("driver", driver.address)
