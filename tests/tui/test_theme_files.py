@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from robotree.tui.errors import BadTheme
-from robotree.tui.processes.looks import Looks
 from robotree.tui.screen import theme_files
 from robotree.tui.screen.theme_files import read
 from robotree.tui.screen.themes import DARK, LIGHT, SIXTEEN, chosen
@@ -62,13 +61,3 @@ def test_files_are_found_beside_the_file_of_keys_and_cannot_replace_themes_of_ou
     (theme_files.folder() / "light.toml").write_text("")
     with pytest.raises(BadTheme, match="light is a theme of robotree"):
         theme_files.load()
-
-
-def test_what_was_chosen_is_kept_and_a_broken_file_is_nothing(tmp_path: Path) -> None:
-    file = tmp_path / "looks.json"
-    Looks(file).choose("theme", "desk")
-    Looks(file).choose("language", "de")
-    assert (Looks(file).get("theme"), Looks(file).get("language")) == ("desk", "de")
-    for broken in ("", "[]", '{"theme": 3}', "\x00"):
-        file.write_text(broken)
-        assert Looks(file).get("theme") == ""

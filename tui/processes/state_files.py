@@ -114,8 +114,13 @@ def kept_hosts(realm: str) -> frozenset[str]:
 
 def journal_folders(realm: str) -> list[Path]:
     """Return the folders in which hosts keep robots, also those of a demo; looking makes nothing."""
-    tops = (state_home() / DEMOS / realm / state_home().name / realm, state_home() / realm)
-    return sorted({folder for top in tops for folder in _kept_in(top)}) if realm else []
+    return sorted({folder for top in _tops(realm) for folder in _kept_in(top)}) if realm else []
+
+
+def _tops(realm: str, home: Path | None = None) -> tuple[Path, Path]:
+    """Return the folders of a realm: that of a demo of it, which keeps its things apart, and its own."""
+    home = home or state_home()
+    return home / DEMOS / realm / home.name / realm, home / realm
 
 
 def _kept_in(top: Path) -> Iterator[Path]:
@@ -141,10 +146,10 @@ def history_files(realm: str, home: Path | None = None) -> dict[tuple[str, str],
         realm: whose.
         home: folder of all realms; None: that of this user.
     """
-    found, home = dict[tuple[str, str], Path](), home or state_home()
+    found = dict[tuple[str, str], Path]()
     if not realm:
         return found
-    for top in (home / DEMOS / realm / home.name / realm, home / realm):
+    for top in _tops(realm, home):
         for role, folder in (("host", "hosts"), ("robot", "robots")):
             for path in sorted(top.glob(f"{folder}/*/history.db")):
                 found[role, path.parent.name] = path
@@ -165,8 +170,7 @@ def directory_folder(realm: str, name: str) -> Path | None:
 
 def directory_folders(realm: str) -> list[Path]:
     """Return the folders of the directories of a realm on this machine; looking makes nothing."""
-    tops = (state_home() / DEMOS / realm / state_home().name / realm, state_home() / realm)
-    return sorted(path.parent for top in tops for path in top.glob("directories/*/directory.db"))
+    return sorted(path.parent for top in _tops(realm) for path in top.glob("directories/*/directory.db"))
 
 
 def site_of(realm: str) -> str:

@@ -28,9 +28,8 @@ from robotree.tui.line.installed import lacking
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.processes.alarm_file import alarms_of
+from robotree.tui.processes.choices import Choices
 from robotree.tui.processes.layout import LayoutFile
-from robotree.tui.processes.looks import Looks
-from robotree.tui.processes.steps import Steps
 from robotree.tui.processes.terminal_graphics import CELLS
 from robotree.tui.processes.wire_watch import WireMessage, WireWatch
 from robotree.tui.screen import theme_files
@@ -90,7 +89,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         readonly: bool = False,
         keymap: Keymap | None = None,
         calm: bool = False,
-        steps: Steps | None = None,
+        steps: Choices | None = None,
         layout: LayoutFile | None = None,
     ) -> None:
         """Supervise a realm client that has been joined.
@@ -123,9 +122,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.marks: frozenset[str] = frozenset()  # robots that an action may take together
         self.past: list[str] = []  # lines that were typed at the prompt (`prompt.Known`)
         self._ordered = False  # whether the terminal leaves the order of letters to us
-        self.looks = Looks()  # what was chosen last of how the screen looks
+        self.looks = Choices()  # what was chosen last of how the screen looks
         self.own_themes: tuple[Theme, ...] = ()
-        self.steps = steps or Steps()  # the step of tele-operation that was chosen last, by robot
+        self.steps = steps or Choices()  # the step of tele-operation that was chosen last, by robot
         self.pictures = CELLS
         """How pictures are drawn in this terminal; `supervise` finds it out."""
         self.foresight = Foresight()  # what a robot says of the way that somebody is about to send it
@@ -154,7 +153,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
 
     # -- looks -------------------------------------------------------------------------------------
 
-    def wear(self, looks: Looks, themes: Sequence[Theme]) -> None:
+    def wear(self, looks: Choices, themes: Sequence[Theme]) -> None:
         """Look as the operator has chosen last, or once and for all.
 
         Args:
@@ -170,9 +169,9 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         for theme in themes:
             self.register_theme(theme)
             self.register_theme(reduced_theme(theme))
-        kept = looks.get("language")
+        kept = looks.get("language", "")
         words.choose(words.wanted() or (kept if kept in words.LANGUAGES else "en"))
-        wanted = os.environ.get("TEXTUAL_THEME", "") or looks.get("theme")
+        wanted = os.environ.get("TEXTUAL_THEME", "") or looks.get("theme", "")
         if wanted.removeprefix("robotree-") in self._theme_names:
             self.theme = chosen(wanted, self.console.color_system, self.own_themes).name
 

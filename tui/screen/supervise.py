@@ -23,12 +23,9 @@ from logging.handlers import RotatingFileHandler
 from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
+from robotree.tui.processes.choices import LOOKS, STEPS, Choices
 from robotree.tui.processes.layout import layout_file
-from robotree.tui.processes.looks import FILE as LOOKS_FILE
-from robotree.tui.processes.looks import Looks
 from robotree.tui.processes.state_files import state_file
-from robotree.tui.processes.steps import FILE as STEPS_FILE
-from robotree.tui.processes.steps import Steps
 from robotree.tui.processes.terminal_graphics import pictures_here
 from robotree.tui.screen import keymap, theme_files
 from robotree.tui.screen.app import Supervisor
@@ -110,8 +107,8 @@ async def supervise(
 
 
 async def _show(make: Callable[..., Supervisor], realm: str, store: Store) -> int:
-    keys, steps, layout = keymap.load(), Steps(state_file(realm, STEPS_FILE)), layout_file()
-    themes, looks = theme_files.load(), Looks(state_file(realm, LOOKS_FILE))
+    keys, steps, layout = keymap.load(), Choices(state_file(realm, STEPS)), layout_file()
+    themes, looks = theme_files.load(), Choices(state_file(realm, LOOKS))
     task, ends = asyncio.current_task(), list[float]()
     while True:
         app = make(store=store, keymap=keys, calm=wants_calm(), steps=steps, layout=layout)

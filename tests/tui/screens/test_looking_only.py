@@ -12,8 +12,8 @@ from robotree.tui.line.action import RIGHT_NAMES, Where
 from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.line.page_keys import PAGE_KEYS, page_keys
 from robotree.tui.line.surface import Surface
+from robotree.tui.processes.choices import Choices
 from robotree.tui.processes.layout import LayoutFile
-from robotree.tui.processes.looks import Looks
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.place import Place
@@ -112,7 +112,7 @@ async def test_no_key_of_the_whole_program_changes_anything_where_one_may_only_l
         assert hasattr(realm.realm_client, name), name
         monkeypatch.setattr(realm.realm_client, name, partial(refuse, asked, name))
     async with operate(realm.realm_client, readonly=True, layout=layout, mended=True) as operator:
-        operator.app.wear(Looks(tmp_path / "here" / "looks.json"), ())
+        operator.app.wear(Choices(tmp_path / "here" / "looks.json"), ())
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         operator.app.choose("arm-1")
         letters = {action.key for action in ACTIONS if action.key and action.where & Where.SCREEN}
