@@ -136,7 +136,9 @@ async def test_the_stop_and_the_way_out_work_while_a_robot_is_being_made(
         await operator.sees("finisher (Finisher) runs on host-1")
 
 
-async def test_a_running_command_takes_neither_values_nor_another_run(realm: Realm, operate: Operate) -> None:
+async def test_a_running_command_takes_neither_values_nor_another_run_and_c_cancels_it(
+    realm: Realm, operate: Operate
+) -> None:
     async with go_to_form(realm, operate) as (operator, page, form):
         realm.arm.under_way = True
         operator.burst(f"{CTRL_U}0.45{CTRL_R}9{CTRL_R}8")
@@ -149,6 +151,11 @@ async def test_a_running_command_takes_neither_values_nor_another_run(realm: Rea
         realm.arm.under_way = False
         await operator.sees("done in")
         assert realm.arm.calls == ["go_to"]
+        realm.arm.under_way = True
+        await operator.press("ctrl+r")
+        await operator.until(lambda: form.running, "it runs again")
+        await operator.press("c")
+        await operator.sees("was cancelled")
 
 
 async def test_hasty_enters_do_not_cancel_what_has_just_begun(
@@ -165,13 +172,4 @@ async def test_hasty_enters_do_not_cancel_what_has_just_begun(
         assert form.running
         monkeypatch.setattr(key_guard, "LOOK", 0.0)
         await operator.press("enter")
-        await operator.sees("was cancelled")
-
-
-async def test_c_cancels_what_the_form_in_front_runs(realm: Realm, operate: Operate) -> None:
-    async with go_to_form(realm, operate) as (operator, _page, form):
-        realm.arm.under_way = True
-        await operator.press("ctrl+r")
-        await operator.until(lambda: form.running, "it runs")
-        await operator.press("c")
         await operator.sees("was cancelled")

@@ -115,7 +115,7 @@ async def test_steps_move_with_what_is_in_them_and_can_be_taken_out(realm: Realm
         assert lines(page) == ["wait 1"]
 
 
-async def test_a_line_that_is_no_step_is_refused_and_a_new_one_that_is_left_goes(
+async def test_a_line_that_is_no_step_is_refused_a_new_one_that_is_left_goes_and_steps_are_asked_about(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client, size=(80, 24)) as operator:
@@ -128,6 +128,11 @@ async def test_a_line_that_is_no_step_is_refused_and_a_new_one_that_is_left_goes
         await operator.sees("✓ 1 step, which can be tried")
         await operator.press("delete")
         await operator.sees("no step yet")
+        await add(operator, "arm-1.hold")
+        await operator.press("escape")
+        await operator.at(Confirm)
+        operator.one(Button, "#yes").press()
+        await operator.at(MainPage)
 
 
 async def test_the_line_that_is_edited_is_made_too_and_one_that_is_no_step_is_refused(
@@ -172,18 +177,8 @@ async def test_nothing_of_a_person_is_overwritten_without_a_question(
         assert "self.arm.hold()" in (here / "mine.py").read_text()
 
 
-async def test_leaving_steps_is_asked_about(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await composer(operator)
-        await add(operator, "arm-1.hold")
-        await operator.press("escape")
-        await operator.at(Confirm)
-        operator.one(Button, "#yes").press()
-        await operator.at(MainPage)
-
-
-async def test_a_robot_is_led_by_hand_and_what_it_did_not_keep_is_told(
-    realm: Realm, operate: Operate
+async def test_a_robot_is_led_by_hand_but_not_one_that_another_one_commands(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with operate(realm.realm_client) as operator:
         await composer(operator)
@@ -192,13 +187,6 @@ async def test_a_robot_is_led_by_hand_and_what_it_did_not_keep_is_told(
         await operator.press("escape")
         await operator.at(ComposePage)
         await operator.sees("nothing was shown")
-
-
-async def test_a_robot_that_another_one_commands_is_not_led_and_that_is_said_at_once(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        await composer(operator)
         arm = operator.app.store.descriptions["arm-1"]
         bond = BondSpec(parent=Address("robot", "greeter", "9"), slot="arm", epoch=1, remaining=1.0)
         held = msgspec.structs.replace(arm, bond=bond)

@@ -86,21 +86,6 @@ async def test_what_somebody_else_controls_is_refused_before_anybody_says_go(
         assert realm.arm.calls == []
 
 
-async def test_a_place_that_is_no_number_is_said_in_a_sentence_and_goes_nowhere(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        await at_plan(operator)
-        await operator.press("G")
-        dialog = await operator.at(GoDialog)
-        dialog.query_one("#at-x", Input).value = "far"
-        way = dialog.query_one("#going-way", CachedText)
-        await operator.until(lambda: "'far' is not a number" in str(way.render()), "the complaint")
-        assert dialog.query_one("#yes", Button).disabled
-        await operator.press("escape")
-        assert realm.arm.calls == []
-
-
 async def test_a_point_gets_a_name(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
         await at_plan(operator)
@@ -164,9 +149,19 @@ async def test_places_say_of_which_controller_they_are_and_which_of_them_lead_no
     assert listed.text.count("where no robot is now") == 1
 
 
-async def test_an_angle_is_typed_in_degrees_where_a_robot_goes(realm: Realm, operate: Operate) -> None:
+async def test_a_robot_goes_to_what_is_typed_angles_in_degrees_and_to_no_word(
+    realm: Realm, operate: Operate
+) -> None:
     async with operate(realm.realm_client) as operator:
         await at_plan(operator)
+        await operator.press("G")
+        dialog = await operator.at(GoDialog)
+        dialog.query_one("#at-x", Input).value = "far"
+        way = dialog.query_one("#going-way", CachedText)
+        await operator.until(lambda: "'far' is not a number" in str(way.render()), "the complaint")
+        assert dialog.query_one("#yes", Button).disabled
+        await operator.press("escape")
+        assert realm.arm.calls == []
         await operator.press("G")
         dialog = await operator.at(GoDialog)
         assert dialog.query_one("#at-twist", Input).value == "0.0"
@@ -210,7 +205,9 @@ async def test_a_point_in_a_picture_is_where_the_robot_goes(realm: Realm, operat
         await operator.until(lambda: abs(realm.arm.pose["y"] - point["y"]) < 1e-3, "it is there")
 
 
-async def test_all_cameras_stand_side_by_side(realm: Realm, operate: Operate) -> None:
+async def test_cameras_stand_side_by_side_and_an_arm_is_a_skeleton_where_pictures_are_too_much(
+    realm: Realm, operate: Operate
+) -> None:
     async with operate(realm.realm_client) as operator:
         await operator.press("v")
         picture = operator.one(PointedPicture, "#pointed")
@@ -226,14 +223,8 @@ async def test_all_cameras_stand_side_by_side(realm: Realm, operate: Operate) ->
         await operator.sees("cell / cell", "cell / wrist")
         await operator.press("Y")
         await operator.until(lambda: picture.seen, "one picture again")
-
-
-async def test_an_arm_is_a_skeleton_where_pictures_are_too_much(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "cell" in operator.app.store.views, "the view")
-        await operator.press("y")
+        await operator.press("l", "y")
         await operator.sees("skeleton: from the left side", "◎tool")
-        picture = operator.one(PointedPicture, "#pointed")
         assert not picture.seen, "nothing is fetched"
         await operator.press("y")
-        await operator.until(lambda: picture.frames > 0, "a picture again")
+        await operator.until(lambda: picture.seen, "a picture again")

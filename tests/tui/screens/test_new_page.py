@@ -89,7 +89,9 @@ async def pick(operator: Operator, name: str) -> NewPage:
 async def test_a_robot_is_created_from_a_file_and_appears_by_itself(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
         page = await pick(operator, "good.py")
-        await operator.sees("Finishes.", "finisher")
+        await operator.sees("Finishes.", "finisher", "notes [red].py", "wrong.py")
+        assert "notes.txt" not in operator.text
+        assert ".hidden.py" not in operator.text
         page.query_one("#class", Choice).value = "Painter"
         await operator.sees("Paints [/x].", "slot arm: Arm", "commands paint")
         assert page.query_one("#name", Input).value == "painter"
@@ -98,14 +100,6 @@ async def test_a_robot_is_created_from_a_file_and_appears_by_itself(realm: Realm
         await operator.at(MainPage)
         await operator.sees("painter (Painter) runs on host-1")
         await operator.until(lambda: "painter" in operator.app.store.robots, "it is listed")
-
-
-async def test_sources_alone_are_offered(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await pick(operator, "good.py")
-        await operator.sees("notes [red].py", "wrong.py")
-        assert "notes.txt" not in operator.text
-        assert ".hidden.py" not in operator.text
 
 
 async def test_a_file_that_offers_nothing_says_why(realm: Realm, operate: Operate) -> None:
@@ -120,6 +114,7 @@ async def test_a_file_that_offers_nothing_says_why(realm: Realm, operate: Operat
             assert page.query_one("#create", Button).disabled
             await operator.press("escape")
             await operator.at(MainPage)
+        assert set(operator.app.store.robots) == {"arm-1", "rover-1"}
 
 
 async def test_a_file_that_raises_when_it_is_loaded_keeps_the_page_and_says_why(
@@ -149,27 +144,9 @@ async def test_a_name_is_judged_while_it_is_typed(realm: Realm, operate: Operate
             assert page.query_one("#create", Button).disabled
         entry.value = "right"
         await operator.until(lambda: not page.query_one("#create", Button).disabled, "it can be created")
-
-
-async def test_a_name_typed_by_hand_stays_when_another_class_is_chosen(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await pick(operator, "good.py")
-        entry = page.query_one("#name", Input)
-        await operator.until(lambda: entry.value == "finisher", "a suggestion")
-        entry.value = "mine"
         page.query_one("#class", Choice).value = "Painter"
         await operator.sees("Paints")
-        assert entry.value == "mine"
-
-
-async def test_escape_leaves_without_creating(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await pick(operator, "good.py")
-        await operator.press("escape")
-        await operator.at(MainPage)
-        assert set(operator.app.store.robots) == {"arm-1", "rover-1"}
+        assert entry.value == "right", "a name that was typed stays when another class is chosen"
 
 
 async def test_the_settings_of_a_page_are_fields_and_those_that_were_edited_are_given(
@@ -177,6 +154,11 @@ async def test_the_settings_of_a_page_are_fields_and_those_that_were_edited_are_
 ) -> None:
     async with operate(realm.realm_client) as operator:
         page = await pick(operator, "team.py")
+        await operator.sees("settings", "0.01 … 0.3 m/s", "label")
+        page.read(Path("good.py"))
+        await operator.until(lambda: not page.query(FieldRow), "another class has other settings")
+        assert "settings" not in operator.text
+        page.read(Path("team.py"))
         await operator.sees("settings", "0.01 … 0.3 m/s", "label")
         rows = {row.spec.name: row for row in page.query(FieldRow)}
         assert [row.text for row in rows.values()] == ["0.1", "0.0", "left"]
@@ -190,12 +172,3 @@ async def test_the_settings_of_a_page_are_fields_and_those_that_were_edited_are_
         await operator.at(MainPage)
         await operator.until(lambda: "team" in operator.app.store.robots, "it is listed")
         assert await realm.realm_client.call("team", "told", {}) == "0.2 1.571 left"
-
-
-async def test_another_class_has_other_settings(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await pick(operator, "team.py")
-        await operator.sees("settings", "0.01 … 0.3 m/s")
-        page.read(Path("good.py"))
-        await operator.until(lambda: not page.query(FieldRow), "no settings")
-        assert "settings" not in operator.text

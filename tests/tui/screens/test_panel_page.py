@@ -116,13 +116,11 @@ async def test_wrong_input_is_explained_beside_each_field_and_nothing_is_sent(
         assert row(form, "x").query_one(Input).has_focus, "the first wrong field has the cursor"
         await fill(operator, form, "x", "0.4")
         await operator.until(lambda: complaint(form, "x") == "", "the complaint goes while one types")
-
-
-async def test_a_field_that_is_left_wrong_complains_at_once(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
         await fill(operator, form, "x", "far")
         await operator.press("tab")
-        await operator.until(lambda: "is not a number" in complaint(form, "x"), "a complaint")
+        await operator.until(
+            lambda: "is not a number" in complaint(form, "x"), "it complains when it is left"
+        )
         assert row(form, "y").query_one(Input).has_focus, "and lets go of the cursor"
 
 
@@ -141,14 +139,11 @@ async def test_hasty_enters_lead_through_a_form_and_never_run_it(realm: Realm, o
         await operator.press("ctrl+r")
         await operator.sees("done in")
         assert "hold" not in calls
-
-
-async def test_the_keys_are_where_they_were_when_a_command_has_ended(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "go_to") as (operator, _page, form):
+        await choose(operator, page, "go_to")
         row(form, "y").focus_entry()
         await operator.press("ctrl+r")
-        await operator.sees("done in")
-        await operator.until(lambda: row(form, "y").query_one(Input).has_focus, "the cursor is back")
+        await operator.until(lambda: realm.arm.calls == ["go_to"], "it runs")
+        await operator.until(lambda: row(form, "y").query_one(Input).has_focus, "the cursor is where it was")
 
 
 async def test_choices_and_truths_are_chosen_and_texts_stay_texts(realm: Realm, operate: Operate) -> None:
@@ -164,14 +159,10 @@ async def test_choices_and_truths_are_chosen_and_texts_stay_texts(realm: Realm, 
         row(shout, "loud").query_one(Choice).value = "yes"
         shout.query_one("#run", Button).press()
         await operator.sees("[/X] HEY")
-
-
-async def test_a_failure_is_told_where_the_command_was_given(realm: Realm, operate: Operate) -> None:
-    async with panel(realm, operate, "arm-1", "stumble") as (operator, _page, form):
+        stumble = await choose(operator, page, "stumble")
         await operator.press("ctrl+r")
-        await operator.until(
-            lambda: "a stone [/x] lay there" in str(form.query_one("#outcome").render()), "the failure"
-        )
+        outcome = stumble.query_one("#outcome")
+        await operator.until(lambda: "a stone [/x] lay there" in str(outcome.render()), "the failure")
 
 
 async def test_a_command_through_an_empty_slot_says_what_is_missing(realm: Realm, operate: Operate) -> None:

@@ -11,11 +11,9 @@ from robotree.tui.screen.keymap import read
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
-from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen.status import STATUSES
-from robotree.vr import Robot
 from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
@@ -61,25 +59,6 @@ async def test_the_selection_goes_to_what_was_just_made_and_a_hasty_key_is_refus
         operator.burst("d", at=times[0])
         await operator.at(Confirm)
         await operator.sees("delete mover?")
-
-
-async def test_when_its_robot_leaves_nobody_commands_the_next_one_by_mistake(
-    realm: Realm, operate: Operate
-) -> None:
-    late = await realm.robot(Robot("late-1"))
-    async with operate(realm.realm_client) as operator:
-        await known(operator, "late-1", "rover-1")
-        operator.app.choose("late-1")
-        times = [operator.app.now()]
-        operator.app.now = lambda: times[0]  # type: ignore[method-assign] # time is ours
-        await late.close()
-        await operator.until(lambda: operator.app.selection.name == "rover-1", "its neighbour")
-        operator.burst("\r", at=times[0] + 0.2)
-        await operator.sees("the selection has just gone from late-1 to rover-1: press again")
-        times[0] += 1.0
-        operator.burst("\r", at=times[0])
-        page = await operator.at(PanelPage)
-        assert page.robot.name == "rover-1"
 
 
 OTHER = read('[keys]\ndismiss = "f6"', "keys.toml")

@@ -159,17 +159,6 @@ async def test_how_to_resume_and_which_page_is_in_front_are_read_in_40_columns(
         await operator.sees("arm-1 / panel")
 
 
-async def test_in_40_columns_robots_stand_below_the_slots_and_both_are_read(
-    realm: Realm, operate: Operate
-) -> None:
-    await realm.create("move_to.py", "mover")
-    async with operate(realm.realm_client, size=(40, 20)) as operator:
-        await operator.until(lambda: "mover" in operator.app.store.descriptions)
-        operator.app.ask_for("enslave", Place("mover"))
-        await operator.at(EnslaveDialog)
-        await operator.sees("mover.arm  takes Arm", "arm-1  Arm")
-
-
 async def test_a_state_beside_a_scrollbar_is_cut_with_a_sign(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client, size=(40, 20)) as operator:
         await operator.sees("arm-1")
@@ -180,15 +169,20 @@ async def test_a_state_beside_a_scrollbar_is_cut_with_a_sign(realm: Realm, opera
         await operator.until(lambda: table.room == table.scrollable_content_region.width, "its columns")
 
 
-@pytest.mark.parametrize("size", [(80, 24), (40, 20), (40, 12)])
-async def test_a_question_about_a_slot_has_its_answers_in_sight(
-    realm: Realm, operate: Operate, size: tuple[int, int]
+async def test_a_question_about_a_slot_has_slots_robots_and_answers_in_sight(
+    realm: Realm, operate: Operate
 ) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.realm_client, size=size) as operator:
+    async with operate(realm.realm_client, size=(80, 24)) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions)
         operator.app.ask_for("enslave", Place("mover"))
-        await operator.until(lambda: isinstance(operator.app.screen, EnslaveDialog), "the question")
-        await operator.sees("arm-1", "Cancel", "Enslave")
-        answers = operator.one(Button, "#yes").region
-        assert operator.one(Vertical, ".dialog").content_region.contains_region(answers), operator.text
+        await operator.at(EnslaveDialog)
+        for size, read in (((80, 24), ""), ((40, 20), "mover.arm  takes Arm"), ((40, 12), "")):
+            await operator.resize(*size)
+            await operator.sees("arm-1  Arm", "Cancel", "Enslave", read)
+
+            def inside() -> bool:
+                answers = operator.one(Button, "#yes").region
+                return operator.one(Vertical, ".dialog").content_region.contains_region(answers)
+
+            await operator.until(inside, f"the answers in {size}")
