@@ -247,17 +247,7 @@ class RealmKeys:
             taken = {one.name: bytes.fromhex(one.key) for one in known.members if not one.revoked}
             serial = 1 + max((one.serial for one in known.members), default=0)
             found = admitted(packed, authority, known.invitations, taken, serial=serial, now=now)
-            opened_one = known.invitations[found.number]
-            ends = now + opened_one.days * DAY
-            member = Member(
-                found.name,
-                found.kind,
-                found.key.hex(),
-                serial,
-                ends,
-                opened_one.may,
-                certificate=found.certificate.hex(),
-            )
+            member = self._member(found.certificate, now)
             rest = {number: one for number, one in known.invitations.items() if number != found.number}
             return _Members((*known.members, member), rest), found.certificate
 
@@ -317,15 +307,7 @@ class RealmKeys:
             certificate = authority.admit(
                 old.name, old.kind, old.key, serial=serial, now=now, days=days, may=old.may
             )
-            member = Member(
-                old.name,
-                old.kind,
-                old.key.hex(),
-                serial,
-                now + days * DAY,
-                old.may,
-                certificate=certificate.hex(),
-            )
+            member = self._member(certificate, now)
             return _Members((*known.members, member), known.invitations), certificate
 
         return self._change(change)
@@ -351,6 +333,19 @@ class RealmKeys:
         return self._authority().sign_policy(text)
 
     # -- inside -----------------------------------------------------------------------------------
+
+    def _member(self, packed: bytes, now: float) -> Member:
+        """Return what the authority knows of a member by a certificate that it has just signed."""
+        signed = self.trust.certificate(packed, now)
+        return Member(
+            signed.name,
+            signed.kind,
+            signed.key.hex(),
+            signed.serial,
+            signed.ends,
+            signed.may,
+            certificate=packed.hex(),
+        )
 
     def _believe(self, packed: bytes) -> bool:
         """Believe and keep a list of revoked certificates; returns whether it is newer."""
