@@ -181,7 +181,7 @@ async def test_a_large_command_to_a_stalled_child_does_not_stall_its_sender(
     body = seal(call, now=time.monotonic(), within=60.0).body
     with ticking() as ticks:
         longest, last = 0, len(ticks)
-        replies = transport.request(key, body, timeout=3.0)
+        replies = transport.request(key, body, timeout=1.0)
         asking = asyncio.ensure_future(anext(replies))
         while not asking.done():
             await asyncio.sleep(TICK)

@@ -29,8 +29,10 @@ from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.lookup.directory import Directory
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.lookup.service import LookupService
+from robotree.vr.running import frame
 from robotree.vr.world.network import MemoryNetwork
 from robotree.vr.world.testing import until
+from tests.vr.core.conftest import REAL_GRACE
 
 HEADER = "import time\nfrom robotree.vr import VirtualRobot, command\n"
 ADDER = f"""{HEADER}
@@ -198,7 +200,10 @@ class Defier(VirtualRobot):
 """
 
 
-async def test_what_a_deleted_robot_leaves_running_is_told_by_its_host(realm: Realm) -> None:
+async def test_what_a_deleted_robot_leaves_running_is_told_by_its_host(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frame, "GRACE", REAL_GRACE)
     defier = RobotClient(
         realm.operator, (await realm.client().create(Bundle(DEFIER, "d.py"), "defier")).address
     )

@@ -28,7 +28,6 @@ from robotree.vr.base.errors import (
     NotVirtual,
     SlotEmpty,
     StillBonded,
-    Unreachable,
     VrError,
     WrongKind,
 )
@@ -237,12 +236,6 @@ async def test_source_that_raises_names_the_file(world: World) -> None:
     world.source.write_text("import no_such_module")
     with pytest.raises(BrokenSource, match=r"carrier\.py.*no_such_module"):
         await world.create("new", "")
-
-
-async def test_after_the_end_everything_is_refused(world: World) -> None:
-    world.network.kill(world.agents.pop("r1").transport)  # type: ignore[arg-type]
-    with pytest.raises((NoSuchRobot, Unreachable)):
-        await world.realm_client.describe("r1")
 
 
 def test_robots_that_command_each_other_are_still_shown() -> None:
