@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
 
+from robotree.client.blocking import Realm
 from robotree.vr import Service, command
-from robotree.vr.base.errors import BrokenScript, BrokenSource, NoSuchRole
+from robotree.vr.base.errors import BrokenScript, BrokenSource, NoSuchRole, VrError
 from robotree.vr.bundle import Bundle
 from robotree.vr.scripts.roles import read_profile
 from tests.plant import Machine
@@ -251,53 +253,59 @@ def test_the_role_of_a_service_that_is_killed_goes_and_nothing_else_does(tmp_pat
     machine.start("house", "host", "house")
     machine.start("services", "host", "services")
     try:
-        page = str(tmp_path / "companion.py")
-        machine.say("create", page, "as", "companion", "on", "house")
-        machine.say("create", page, "as", "guarded", "on", "house", "--isolate", "process")
-        before = machine.say("show", "companion")
-
-        def says() -> str:
-            return machine.say("call", "companion.say", "text=Welcome")
-
-        def offered(robot: str = "companion") -> bool:
-            return "desk-clerk" in machine.say("show", robot)["attributes"]["roles"].split()
-
-        told = machine.text("service", str(tmp_path / "desk.py"), "desk", "on", "services")
-        assert "it lends desk-clerk" in told, told
-        wait_until(offered, "the role is offered")
-        wait_until(lambda: offered("guarded"), "also to a robot that is kept apart")
-        machine.say("role", "companion", "desk-clerk")
-        assert says() == "Your number please"
-
-        machine.end("house", signal.SIGKILL)
-        machine.start("house", "host", "house")
-        wait_until(lambda: offered() and says() == "Your number please", "its service is here: it goes on")
-
-        here = machine.say("show", "companion")
-        killed = time.time()
-        machine.end("services", signal.SIGKILL)
-        wait_until(lambda: not offered(), "the role is gone")
-        wait_until(lambda: not offered("guarded"), "for that one, too")
-        after = machine.say("show", "companion")
-        assert after["attributes"]["role"] == "neutral"
-        assert after["address"] == here["address"] == before["address"], "it is the same life"
-        assert says() == "Welcome"
-        new = [line for line in machine.say("log", "companion") if line["unix"] > killed]
-        bad = [line["text"] for line in new if line["level"] in {"warning", "error"}]
-        assert bad == ["the role desk-clerk is gone with its service: neutral from the next act on"]
-
-        machine.start("services", "host", "services")
-        wait_until(offered, "its host brings the service back")
-        assert says() == "Welcome", "and nobody plays its role by accident"
-        machine.say("role", "companion", "desk-clerk")
-        machine.end("services", signal.SIGKILL)
-        machine.end("house", signal.SIGKILL)
-        machine.start("house", "host", "house")
-        wait_until(
-            lambda: machine.say("show", "companion")["attributes"]["role"] == "neutral",
-            "its service left while it was away",
-        )
-        assert says() == "Welcome"
+        with machine.joined() as realm:
+            _play_until_services_are_killed(machine, realm, tmp_path)
     finally:
         for called in list(machine.running):
             machine.end(called)
+
+
+def _play_until_services_are_killed(machine: Machine, realm: Realm, folder: Path) -> None:
+    page = str(folder / "companion.py")
+    machine.say("create", page, "as", "companion", "on", "house")
+    machine.say("create", page, "as", "guarded", "on", "house", "--isolate", "process")
+    before = realm.describe("companion").address
+
+    def says() -> str:
+        said: str = realm["companion"].say(text="Welcome")
+        return said
+
+    def shown(robot: str = "companion") -> Mapping[str, str]:
+        with contextlib.suppress(VrError):  # its host has just been started
+            return realm.describe(robot).attributes
+        return {"role": "", "roles": ""}
+
+    def offered(robot: str = "companion") -> bool:
+        return "desk-clerk" in shown(robot)["roles"].split()
+
+    told = machine.text("service", str(folder / "desk.py"), "desk", "on", "services")
+    assert "it lends desk-clerk" in told, told
+    wait_until(offered, "the role is offered")
+    wait_until(lambda: offered("guarded"), "also to a robot that is kept apart")
+    machine.say("role", "companion", "desk-clerk")
+    assert says() == "Your number please"
+
+    machine.end("house", signal.SIGKILL)
+    machine.start("house", "host", "house")
+    wait_until(lambda: offered() and says() == "Your number please", "its service is here: it goes on")
+
+    here, killed = realm.describe("companion").address, time.time()
+    machine.end("services", signal.SIGKILL)
+    for robot in ("companion", "guarded"):
+        wait_until(lambda robot=robot: "desk-clerk" not in realm.describe(robot).attributes["roles"])
+    assert shown()["role"] == "neutral"
+    assert realm.describe("companion").address == here == before, "it is the same life"
+    assert says() == "Welcome"
+    new = [line for line in realm.log("companion") if line.unix > killed]
+    bad = [line.text for line in new if line.level in {"warning", "error"}]
+    assert bad == ["the role desk-clerk is gone with its service: neutral from the next act on"]
+
+    machine.start("services", "host", "services")
+    wait_until(offered, "its host brings the service back")
+    assert says() == "Welcome", "and nobody plays its role by accident"
+    realm["companion"].play(role="desk-clerk")
+    machine.end("services", signal.SIGKILL)
+    machine.end("house", signal.SIGKILL)
+    machine.start("house", "host", "house")
+    wait_until(lambda: shown()["role"] == "neutral", "its service left while it was away")
+    assert says() == "Welcome"
