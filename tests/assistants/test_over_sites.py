@@ -14,6 +14,7 @@ import pytest
 from mcp import Client
 from mcp.client.stdio import StdioServerParameters
 
+from robotree.client.blocking import Realm
 from tests.assistants.conftest import ME, PAGE, text
 from tests.plant import Plant
 
@@ -31,8 +32,8 @@ roles:
 
 
 @pytest.fixture(scope="module")
-def plant() -> Iterator[Plant]:
-    """Two linked sites with a policy, and two carts at hall, one of them apart."""
+def plant() -> Iterator[tuple[Plant, Realm]]:
+    """Two linked sites with a policy, and two carts at hall, one of them apart; and the realm at hall."""
     with tempfile.TemporaryDirectory(prefix="rt-") as folder:
         found = Plant(Path(folder))
         try:
@@ -52,7 +53,8 @@ def plant() -> Iterator[Plant]:
             lab.say("policy", "set", str(rules))
             for cart in ("cart", "lone"):
                 lab.until_listed(cart)
-            yield found
+            with hall.joined() as realm:
+                yield found, realm
         finally:
             for machine in found.machines:
                 for called in list(machine.running):
@@ -61,14 +63,15 @@ def plant() -> Iterator[Plant]:
 
 @pytest.mark.parametrize(("site", "cart"), [("lab", "lone"), ("hall", "lone")])
 async def test_a_yes_is_good_once_for_a_call_of_a_robot_that_cannot_read_it(
-    plant: Plant, site: str, cart: str
+    plant: tuple[Plant, Realm], site: str, cart: str
 ) -> None:
-    here, hall = plant.lab if site == "lab" else plant.hall, plant.hall
+    sites, realm = plant
+    here, hall, count = sites.lab if site == "lab" else sites.hall, sites.hall, realm[cart].count
     key = {"ROBOTREE_MCP_KEY": here.say("assistant", "invite", "claude")["key"]}
     server = StdioServerParameters(
         command=sys.executable, args=["-m", "robotree.tui", "mcp"], env={**here.environment, **key}
     )
-    before = hall.say("call", f"{cart}.count")
+    before = count()
     async with Client(server, read_timeout_seconds=PATIENT) as client:
 
         async def asked() -> str:
@@ -85,18 +88,18 @@ async def test_a_yes_is_good_once_for_a_call_of_a_robot_that_cannot_read_it(
         [shown] = here.say("permits")
         assert (shown["assistant"], shown["arguments"]) == ("claude", {"x": 2.0})
         assert ("at site hall" in shown["preview"]) == (here is not hall)
-        assert hall.say("call", f"{cart}.count") == before
+        assert count() == before
         here.say("permit", "allow", permit)
         assert await begun(permit) == ""
-        assert hall.say("call", f"{cart}.count") == before + 1
+        assert count() == before + 1
         assert "it is over" in await begun(permit)
         # what was stopped there since is another robot than the person has seen
         permit = await asked()
         here.say("permit", "allow", permit)
-        hall.say("stop", cart)
-        hall.say("resume", cart)
+        realm.stop(cart)
+        realm.resume(cart)
         assert "was stopped since" in await begun(permit)
-        assert hall.say("call", f"{cart}.count") == before + 1
+        assert count() == before + 1
     why = hall.text("why", cart)
     assert "claude says «to see it go»" in why
     assert "said yes at" in why
@@ -134,11 +137,11 @@ asyncio.run(main())
     [("lab", "cart", "abcdefgh"), ("hall", "cart", ""), ("hall", "lone", "abcdefgh")],
 )
 def test_a_robot_believes_no_permit_that_nobody_has_read_from_its_realm(
-    plant: Plant, site: str, cart: str, permit: str
+    plant: tuple[Plant, Realm], site: str, cart: str, permit: str
 ) -> None:
     """A program of each site that speaks the protocol itself writes a permit into its call."""
-    before = plant.hall.say("call", f"{cart}.count")
-    machine = plant.lab if site == "lab" else plant.hall
+    sites, realm = plant
+    before, machine = realm[cart].count(), sites.lab if site == "lab" else sites.hall
     done = subprocess.run(
         [sys.executable, "-c", FORGER, cart, permit],
         capture_output=True, text=True, check=True, env=machine.environment,
@@ -146,4 +149,4 @@ def test_a_robot_believes_no_permit_that_nobody_has_read_from_its_realm(
     assert (
         done.stdout.strip() == f"PermitRefused permit {permit or 'none'} does not allow this: there is none"
     )
-    assert plant.hall.say("call", f"{cart}.count") == before
+    assert realm[cart].count() == before
