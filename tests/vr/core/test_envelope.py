@@ -13,56 +13,20 @@ from hypothesis import strategies as st
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base import envelope
+from robotree.vr.base import requests as req
 from robotree.vr.base.envelope import BEGINS, ENDS, FRESH, on_clock, opened, seal
 from robotree.vr.base.errors import Garbled, NoAnswer, Unreachable, VrError
 from robotree.vr.base.principal import this_process
-from robotree.vr.base.requests import (
-    AnyRequest,
-    AskMove,
-    Call,
-    Cancel,
-    Describe,
-    DescribeGateway,
-    DescribeHost,
-    DescribeSpace,
-    DescribeView,
-    Detach,
-    FetchOrders,
-    Look,
-    MarkSeen,
-    Petition,
-    PrepareMove,
-    Query,
-    Raised,
-    ReadBundle,
-    ReadEvents,
-    ReadHistory,
-    ReadKnown,
-    ReadLog,
-    ReadOrders,
-    Register,
-    Renew,
-    RenewEntry,
-    RenewFence,
-    Reply,
-    SafeStop,
-    ShareRecords,
-    TakeRobot,
-    TellOrders,
-    VerifyEvents,
-    WatchEntries,
-    decode_reply,
-)
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.on_loop import handled
 from tests.vr.recorder import Recorder
 
 ASKS_OR_PROLONGS = {
-    Describe, Detach, Petition, Renew, ReadLog, ReadHistory, DescribeHost, Register, Query, Look,
-    DescribeView, RenewEntry, RenewFence, WatchEntries, DescribeSpace, DescribeGateway,
-    ReadEvents, VerifyEvents,
-    ReadOrders, MarkSeen, FetchOrders, TellOrders, ReadKnown, ShareRecords,
-    PrepareMove, TakeRobot, AskMove, ReadBundle,
+    req.Describe, req.Detach, req.Petition, req.Renew, req.ReadLog, req.ReadHistory, req.DescribeHost,
+    req.Register, req.Query, req.Look, req.DescribeView, req.RenewEntry, req.RenewFence, req.WatchEntries,
+    req.DescribeSpace, req.DescribeGateway, req.ReadEvents, req.VerifyEvents, req.ReadOrders, req.MarkSeen,
+    req.FetchOrders, req.TellOrders, req.ReadKnown, req.ShareRecords, req.PrepareMove, req.TakeRobot,
+    req.AskMove, req.ReadBundle,
 }  # fmt: skip
 """Requests that are void when their caller no longer waits."""
 
@@ -105,22 +69,22 @@ class Waiting(VirtualRobot):
 
 def test_of_each_request_it_is_decided_how_late_it_may_come() -> None:
     kinds = (set(BEGINS), set(ENDS), ASKS_OR_PROLONGS)
-    assert set[Any]().union(*kinds) == set(get_args(AnyRequest))
-    assert sum(map(len, kinds)) == len(get_args(AnyRequest)), "each is of one kind"
-    sealed = seal(Detach(key="k"), now=100.0, within=5.0)
-    assert opened(sealed.body, ME, "a robot", 104.9).request == Detach(key="k")
+    assert set[Any]().union(*kinds) == set(get_args(req.AnyRequest))
+    assert sum(map(len, kinds)) == len(get_args(req.AnyRequest)), "each is of one kind"
+    sealed = seal(req.Detach(key="k"), now=100.0, within=5.0)
+    assert opened(sealed.body, ME, "a robot", 104.9).request == req.Detach(key="k")
     with pytest.raises(NoAnswer):
         opened(sealed.body, ME, "a robot", 105.1)
 
 
-async def read(agent: RobotAgent, body: bytes) -> list[Reply]:
+async def read(agent: RobotAgent, body: bytes) -> list[req.Reply]:
     """Let an agent find a request in its socket."""
     transport: Any = agent.transport
     answers: list[bytes] = []
     answered = handled(transport.served[agent.address.key], ME)(body, answers.append)
     assert answered is not None
     await answered
-    return [decode_reply(answer, key="it") for answer in answers]
+    return [req.decode_reply(answer, key="it") for answer in answers]
 
 
 @pytest.fixture
@@ -151,8 +115,8 @@ async def test_what_was_asked_of_a_process_that_hangs_never_begins_after_its_ask
         await questions[what]()
     answers = await read(robot, asker.sent[0])
     realm.network.thaw(robot.transport)
-    assert [type(answer) for answer in answers] == [Raised]
-    assert isinstance(answers[0], Raised)
+    assert [type(answer) for answer in answers] == [req.Raised]
+    assert isinstance(answers[0], req.Raised)
     assert isinstance(answers[0].revive(), NoAnswer)
     assert robot.description().stopped
     assert not robot.closed.is_set()
@@ -179,7 +143,7 @@ async def test_nobody_waits_longer_for_who_has_ended(realm: Any, asker: Any) -> 
 
 
 def sealed_at(asked: float, within: float = 5.0) -> bytes:
-    return seal(Call(key="k", command="move", deadline=5.0), now=asked, within=within).body
+    return seal(req.Call(key="k", command="move", deadline=5.0), now=asked, within=within).body
 
 
 def test_on_another_machine_a_request_is_as_new_as_its_arrival() -> None:
@@ -205,14 +169,14 @@ def test_a_moment_that_has_not_come_yet_counts_as_now(asked: float) -> None:
 
 
 def test_only_what_ends_something_holds_for_ever() -> None:
-    for request in (SafeStop(), Cancel()):
+    for request in (req.SafeStop(), req.Cancel()):
         assert opened(seal(request, now=0.0, within=1.0).body, ME, "rover", 1e6).request == request
     with pytest.raises(NoAnswer):
-        opened(seal(Describe(), now=0.0, within=1.0).body, ME, "rover", 1.0)
+        opened(seal(req.Describe(), now=0.0, within=1.0).body, ME, "rover", 1.0)
 
 
 def test_the_envelope_says_who_asks() -> None:
-    body = seal(Describe(), now=0.0, within=1.0, sender="robot/parent/1").body
+    body = seal(req.Describe(), now=0.0, within=1.0, sender="robot/parent/1").body
     assert opened(body, ME, "rover", 0.5).principal.agent == "robot/parent/1"
 
 

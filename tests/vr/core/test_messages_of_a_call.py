@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import subprocess
 import sys
 from typing import Annotated, Any, cast
@@ -116,15 +115,16 @@ def test_only_a_unit_that_is_not_usual_has_to_be_loaded() -> None:
 REGISTRY = cast("Any", pint.UnitRegistry())
 
 
-@pytest.mark.parametrize(("given", "wanted"), list(itertools.product(SCALES, repeat=2)))
-def test_a_usual_unit_means_what_pint_says(given: str, wanted: str) -> None:
-    if SCALES[given][0] != SCALES[wanted][0]:
-        with pytest.raises(ValueError, match="cannot be turned into"):
-            convert(1.0, given, wanted)
-        return
-    for number in (1.0, 0.37, 55.0, -12.5):
-        meant = REGISTRY.Quantity(number, given).to(wanted).magnitude
-        assert convert(number, given, wanted) == pytest.approx(meant, rel=1e-15)
+@pytest.mark.parametrize("given", SCALES)
+def test_a_usual_unit_means_what_pint_says(given: str) -> None:
+    for wanted in SCALES:
+        if SCALES[given][0] != SCALES[wanted][0]:
+            with pytest.raises(ValueError, match="cannot be turned into"):
+                convert(1.0, given, wanted)
+            continue
+        for number in (1.0, 0.37, 55.0, -12.5):
+            meant = REGISTRY.Quantity(number, given).to(wanted).magnitude
+            assert convert(number, given, wanted) == pytest.approx(meant, rel=1e-15)
 
 
 async def test_what_a_result_is_comes_with_it_to_a_caller_that_asks(realm: Any, replies: list[str]) -> None:

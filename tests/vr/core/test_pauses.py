@@ -327,6 +327,16 @@ async def test_a_child_that_did_not_hear_of_a_pause_hears_of_it_by_the_next_rene
     await until_paused(realm, painter)
 
 
+async def test_a_renewal_that_comes_late_ends_no_pause(homes: Any, studio: Any) -> None:
+    painter = studio.painter
+    lease, before = painter.runtime.lease, studio.runtime.look(lambda state: state.pause.changes)
+    await homes.client(studio).pause()
+    await until_paused(homes, painter)
+    late = on.Prolong(parent=lease.parent, epoch=lease.epoch, lineage=lease.lineage, pauses=before)
+    painter.runtime.post(late)
+    assert painter.description().paused
+
+
 async def test_what_is_no_page_cannot_be_paused_and_what_is_not_paused_takes_no_single_step(
     homes: Any, painter: Any
 ) -> None:

@@ -9,41 +9,19 @@ import msgspec
 import pytest
 
 import robotree.vr
-from robotree.vr.base import requests
+from robotree.vr.base import requests as req
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing
 from robotree.vr.base.envelope import seal, sitting_at
 from robotree.vr.base.errors import NotAllowed, NotItsChild
 from robotree.vr.base.permissions import Permissions
-from robotree.vr.base.requests import (
-    AnyRequest,
-    Attend,
-    Call,
-    Cancel,
-    Continue,
-    Create,
-    Delete,
-    Describe,
-    DescribeHost,
-    Detach,
-    Enslave,
-    Pause,
-    Petition,
-    Query,
-    Register,
-    Release,
-    Resume,
-    RobotDeleted,
-    SafeStop,
-    TakeStep,
-)
 from robotree.vr.isolation.judge import ALLOWED, Judge, Misbehaved
 from robotree.vr.lookup.service import NEWS_PATTERN
 
 OWN = Address("robot", "guest", "1")
 OTHER = Address("robot", "arm", "2")
-CALL = Call(key="guest/1", command="move", deadline=1.0)
-UNDER_LEASE = Call(key="guest/1", command="move", deadline=1.0, epoch=3)
+CALL = req.Call(key="guest/1", command="move", deadline=1.0)
+UNDER_LEASE = req.Call(key="guest/1", command="move", deadline=1.0, epoch=3)
 
 
 @pytest.fixture
@@ -53,20 +31,20 @@ def judge() -> Judge:
     return judge
 
 
-def body(request: AnyRequest, sender: str = OWN.key) -> bytes:
+def body(request: req.AnyRequest, sender: str = OWN.key) -> bytes:
     return seal(request, now=1.0, within=1.0, sender=sender).body
 
 
-def petition(parent: Address) -> Petition:
-    return Petition(parent=parent, slot="arm", kind="Arm", key="k", lineage=(), term=5.0)
+def petition(parent: Address) -> req.Petition:
+    return req.Petition(parent=parent, slot="arm", kind="Arm", key="k", lineage=(), term=5.0)
 
 
 def test_a_robot_speaks_for_itself(judge: Judge) -> None:
     judge.expect_asked(OTHER.key, body(CALL))
     judge.expect_asked(OTHER.key, body(petition(OWN)))
-    judge.expect_asked(OTHER.key, body(SafeStop(reason="it slips")))
-    judge.expect_asked(OTHER.key, body(Describe(), sender=""))
-    judge.expect_asked("lookup/l/1", body(Query(), sender=""))
+    judge.expect_asked(OTHER.key, body(req.SafeStop(reason="it slips")))
+    judge.expect_asked(OTHER.key, body(req.Describe(), sender=""))
+    judge.expect_asked("lookup/l/1", body(req.Query(), sender=""))
     judge.expect_published(f"{OWN.key}/state")
     judge.expect_subscribed(f"{OTHER.key}/state")
     judge.expect_subscribed(NEWS_PATTERN)
@@ -80,17 +58,17 @@ def test_a_robot_speaks_for_itself(judge: Judge) -> None:
         pytest.param(OTHER.key, CALL, "", id="nobody's name"),
         pytest.param(OTHER.key, CALL, "session/anna/1", id="a program's name"),
         pytest.param(OTHER.key, petition(OTHER), OWN.key, id="another parent"),
-        pytest.param(OTHER.key, Release(parent=OTHER, epoch=1), OWN.key, id="another one's lease"),
-        pytest.param(OTHER.key, Delete(), OWN.key, id="the end of another one"),
-        pytest.param(OTHER.key, Resume(), OWN.key, id="the end of a stop"),
-        pytest.param(OTHER.key, Enslave(slot="arm", child=OWN), OWN.key, id="another one's slot"),
-        pytest.param("host/h1/1", Create(name="x", path="x.py", source=""), OWN.key, id="a new robot"),
-        pytest.param("host/h1/1", DescribeHost(), OWN.key, id="a host"),
+        pytest.param(OTHER.key, req.Release(parent=OTHER, epoch=1), OWN.key, id="another one's lease"),
+        pytest.param(OTHER.key, req.Delete(), OWN.key, id="the end of another one"),
+        pytest.param(OTHER.key, req.Resume(), OWN.key, id="the end of a stop"),
+        pytest.param(OTHER.key, req.Enslave(slot="arm", child=OWN), OWN.key, id="another one's slot"),
+        pytest.param("host/h1/1", req.Create(name="x", path="x.py", source=""), OWN.key, id="a new robot"),
+        pytest.param("host/h1/1", req.DescribeHost(), OWN.key, id="a host"),
         pytest.param("site/lab/1", CALL, OWN.key, id="a gateway"),
     ],
 )
 def test_whatever_else_it_asks_for_is_refused(
-    judge: Judge, key: str, request_: AnyRequest, sender: str
+    judge: Judge, key: str, request_: req.AnyRequest, sender: str
 ) -> None:
     with pytest.raises(Misbehaved):
         judge.expect_asked(key, body(request_, sender))
@@ -109,7 +87,7 @@ def test_it_has_the_permissions_of_its_page_and_no_others() -> None:
 def test_what_binds_and_ends_needs_no_permissions() -> None:
     judge = Judge("guest", Permissions(commands=("Arm.move",)))
     judge.expect_own(OWN.key)
-    for request in (petition(OWN), Release(parent=OWN, epoch=1)):
+    for request in (petition(OWN), req.Release(parent=OWN, epoch=1)):
         judge.expect_asked(OTHER.key, body(request))
     with pytest.raises(Misbehaved, match="other permissions"):
         judge.expect_asked(OTHER.key, body(CALL))
@@ -117,12 +95,12 @@ def test_what_binds_and_ends_needs_no_permissions() -> None:
 
 def test_it_says_of_itself_alone_that_it_is_deleted(judge: Judge) -> None:
     judge.identity = "mine"
-    judge.expect_asked("directory/d/1", body(RobotDeleted(identity="mine")))
+    judge.expect_asked("directory/d/1", body(req.RobotDeleted(identity="mine")))
     for identity in ("yours", "", "name:guest"):
         with pytest.raises(Misbehaved):
-            judge.expect_asked("directory/d/1", body(RobotDeleted(identity=identity)))
+            judge.expect_asked("directory/d/1", body(req.RobotDeleted(identity=identity)))
     judge.identity = ""  # it takes no orders, and is remembered by its name
-    judge.expect_asked("directory/d/1", body(RobotDeleted(identity="name:guest")))
+    judge.expect_asked("directory/d/1", body(req.RobotDeleted(identity="name:guest")))
 
 
 def test_it_is_no_person(judge: Judge) -> None:
@@ -139,10 +117,10 @@ def test_what_cannot_be_read_is_refused(judge: Judge) -> None:
 
 def test_it_lists_itself_alone(judge: Judge) -> None:
     listings = [Listing(address=address, kinds=("Guest",)) for address in (OWN, OTHER)]
-    judge.expect_asked("lookup/l/1", body(Register(holder="h", term=1.0, listings=(listings[0],)), ""))
+    judge.expect_asked("lookup/l/1", body(req.Register(holder="h", term=1.0, listings=(listings[0],)), ""))
     for register in (
-        Register(holder="h", term=1.0, listings=(listings[1],)),
-        Register(holder="h", term=1.0, withdrawn=((OTHER, 1),)),
+        req.Register(holder="h", term=1.0, listings=(listings[1],)),
+        req.Register(holder="h", term=1.0, withdrawn=((OTHER, 1),)),
     ):
         with pytest.raises(Misbehaved):
             judge.expect_asked("lookup/l/1", body(register, ""))
@@ -171,9 +149,9 @@ def test_it_commands_its_children_alone(judge: Judge) -> None:
         judge.expect_child(OTHER.key, body(CALL))
     with pytest.raises(NotItsChild):
         judge.expect_child(OTHER.key, body(petition(OWN)))
-    assert not judge.expect_child(OTHER.key, body(SafeStop(reason="it slips")))
+    assert not judge.expect_child(OTHER.key, body(req.SafeStop(reason="it slips")))
     assert not judge.note_asked(body(CALL))
-    assert judge.note_asked(body(Enslave(slot="arm", child=OTHER)))
+    assert judge.note_asked(body(req.Enslave(slot="arm", child=OTHER)))
     for request in (petition(OWN), UNDER_LEASE):
         judge.expect_child(OTHER.key, body(request))
     judge.expect_child(Address("robot", "arm", "3").key, body(UNDER_LEASE))  # its next incarnation
@@ -188,41 +166,59 @@ def test_of_robots_that_are_no_children_it_ends_its_own_calls_and_pauses_nothing
 ) -> None:
     judge = Judge("guest", permissions)
     judge.expect_own(OWN.key)
-    others = Cancel(), Cancel(key="ben/1"), Detach(key="ben/1"), Attend(key="ben/1")
-    for request in (*others, Cancel(key=CALL.key), Pause(), TakeStep(), Continue()):
+    others = (
+        req.Cancel(),
+        req.Cancel(key="ben/1"),
+        req.Detach(key="ben/1"),
+        req.Attend(key="ben/1"),
+    )
+    for request in (
+        *others,
+        req.Cancel(key=CALL.key),
+        req.Pause(),
+        req.TakeStep(),
+        req.Continue(),
+    ):
         with pytest.raises(NotItsChild):
             judge.expect_child(OTHER.key, body(request))
     if permissions is not None:
         judge.expect_child(OTHER.key, body(CALL))
-        for request in (Attend(key=CALL.key), Detach(key=CALL.key), Cancel(key=CALL.key)):
+        for request in (
+            req.Attend(key=CALL.key),
+            req.Detach(key=CALL.key),
+            req.Cancel(key=CALL.key),
+        ):
             judge.expect_child(OTHER.key, body(request))
             with pytest.raises(NotItsChild):
                 judge.expect_child(Address("robot", "rover", "3").key, body(request))
-    for request in (*others, Pause()):
+    for request in (*others, req.Pause()):
         with pytest.raises(NotItsChild):
             judge.expect_child(OTHER.key, body(request))
     if permissions is not None:  # in a cancel no key means all
-        judge.expect_child(OTHER.key, body(Call(key="", command="move", deadline=1.0)))
+        judge.expect_child(OTHER.key, body(req.Call(key="", command="move", deadline=1.0)))
         with pytest.raises(NotItsChild):
-            judge.expect_child(OTHER.key, body(Cancel()))
-    judge.note_asked(body(Enslave(slot="arm", child=OTHER)))
-    leased = (msgspec.structs.replace(request, epoch=3) for request in (*others, TakeStep()))
-    for request in (*leased, Pause(), Continue()):
+            judge.expect_child(OTHER.key, body(req.Cancel()))
+    judge.note_asked(body(req.Enslave(slot="arm", child=OTHER)))
+    leased = (msgspec.structs.replace(request, epoch=3) for request in (*others, req.TakeStep()))
+    for request in (*leased, req.Pause(), req.Continue()):
         judge.expect_child(OTHER.key, body(request))
 
 
 def test_it_hands_a_resume_down_to_its_children_and_ends_no_stop_by_itself() -> None:
     for judge in (Judge("guest"), Judge("guest", Permissions(commands=("Arm.move",)))):
         judge.expect_own(OWN.key)
-        asked = Resume(seen={OTHER.key: 1}, given=7.0, clock="c")
+        asked = req.Resume(seen={OTHER.key: 1}, given=7.0, clock="c")
         down = body(msgspec.structs.replace(asked, epoch=3, within=0.5))
         judge.note_asked(body(asked), 1)
         judge.expect_asked(OTHER.key, down)
         with pytest.raises(NotItsChild):
             judge.expect_child(OTHER.key, down)
-        judge.note_asked(body(Enslave(slot="arm", child=OTHER)))
+        judge.note_asked(body(req.Enslave(slot="arm", child=OTHER)))
         judge.expect_child(OTHER.key, down)
-        for other in (Resume(epoch=3), Resume(epoch=3, seen={OTHER.key: 2}, given=7.0, clock="c")):
+        for other in (
+            req.Resume(epoch=3),
+            req.Resume(epoch=3, seen={OTHER.key: 2}, given=7.0, clock="c"),
+        ):
             with pytest.raises(NotAllowed, match="nobody has asked it to resume"):
                 judge.expect_child(OTHER.key, body(other))
         judge.note_answered(1)
@@ -239,7 +235,7 @@ HOSTS_ONLY = {
 
 def test_the_judge_knows_each_request_that_the_code_of_robots_sends() -> None:
     """Read from the sources: requests that are made there, and methods of `RobotClient` that are called."""
-    known = {name for name, each in vars(requests).items() if each in getattr(AnyRequest, "__args__", ())}
+    known = {name for name, each in vars(req).items() if each in getattr(req.AnyRequest, "__args__", ())}
     vr = Path(next(iter(robotree.vr.__path__)))
 
     def calls(tree: ast.AST) -> list[ast.expr]:
@@ -279,7 +275,7 @@ def test_a_slot_that_chooses_takes_its_kind_and_no_other(judge: Judge) -> None:
 
 def test_what_a_slot_is_asked_to_choose_and_what_a_manifest_permits_it_may() -> None:
     judge = Judge("guest")
-    judge.note_asked(body(Enslave(slot="arm")))
+    judge.note_asked(body(req.Enslave(slot="arm")))
     assert judge.expect_child(OTHER.key, body(petition(OWN)))
     limited = Judge("guest", Permissions(commands=("Arm.move",)))
     limited.expect_child(OTHER.key, body(CALL))  # the arm looks at what it is
