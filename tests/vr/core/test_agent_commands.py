@@ -16,6 +16,7 @@ from robotree.vr.base.errors import (
     CommandCancelled,
     CommandFailed,
     DeadlineExceeded,
+    DuplicateName,
     Garbled,
     KeyReused,
     NoSuchCommand,
@@ -278,6 +279,13 @@ class Meter(Robot):
     @command(effect="read")
     def read(self) -> None:
         self.sleep(1.0)
+
+
+async def test_a_second_robot_of_the_same_name_is_refused(realm: Any) -> None:
+    await realm.start(Rover("rover"))
+    with pytest.raises(DuplicateName, match="a robot named 'rover' is already running"):
+        await realm.start(Rover("rover"))
+    await realm.start(Rover("rover-2"))
 
 
 async def test_who_reads_too_much_hears_how_many_read(realm: Any) -> None:
