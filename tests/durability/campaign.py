@@ -20,15 +20,15 @@ import signal
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from robotree.vr.base.errors import VrError
-from tests.durability.stage import PAGES, Program, Stage, staged
+from tests.durability.stage import PAGES, Program, Stage, in_folder, staged
 from tests.ports import free_port
 
 BOUNDARIES = {
@@ -312,17 +312,11 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     chosen = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="rt-") as name:
-        folder = Path(name)
-        for variable in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
-            path = folder / variable[4:7].lower()
-            path.mkdir(mode=0o700)
-            os.environ[variable] = str(path)
-        try:
-            outcome = asyncio.run(campaign(chosen.kills, chosen.seed, folder))
-        except VrError as error:
-            sys.stdout.write(f"a command has not gone on: {error}\n")
-            return 1
+    try:
+        outcome = in_folder(partial(campaign, chosen.kills, chosen.seed))
+    except VrError as error:
+        sys.stdout.write(f"a command has not gone on: {error}\n")
+        return 1
     sys.stdout.write(f"{report(outcome)}\n")
     return 0 if outcome.good and outcome.kills.total() >= chosen.kills else 1
 

@@ -20,22 +20,15 @@ from pathlib import Path
 from typing import Any
 
 from robotree.vr.agents import run
-from robotree.vr.agents.host import Host
 from robotree.vr.agents.moving import Moves
-from robotree.vr.author.together import Group
 from robotree.vr.core import events as on
 from robotree.vr.journal import segments
 from robotree.vr.journal.files import FilePlace
 from robotree.vr.journal.journal import HostJournal
-from robotree.vr.journal.recovery import Recovered
 from robotree.vr.running.frame import Frame
 
 NAME, FOLDER = sys.argv[1], Path(sys.argv[2])
 PLACE, _, NUMBER = os.environ.get("KILL", "").rpartition(" ")
-ROOM = int(os.environ.get("ROOM", "-1"))
-"""Frames for which there is room on the disk; -1: any number."""
-WORD = os.environ.get("WORD", "act").encode()
-"""Of the calls around which the moments of the transport are."""
 HANGS = "HANGS" in os.environ
 """Whether it is stopped at that place, and not killed."""
 
@@ -63,12 +56,7 @@ countdown = Countdown()
 class Disk(segments.OSDisk):
     """The disk, with moments before, in the middle of, and after each write."""
 
-    room = ROOM
-
     def write(self, descriptor: int, data: bytes | bytearray) -> int:
-        if self.room == 0:
-            raise OSError(28, "No space left on device")
-        self.room -= 1
         countdown.here("before write")
         countdown.here("torn write", lambda: os.write(descriptor, data[: max(1, len(data) * 2 // 3)]))
         written = super().write(descriptor, data)
@@ -91,7 +79,6 @@ class Journal(HostJournal):
     def begin(self) -> None:
         countdown.here("before segment")
         super().begin()
-        countdown.here("after segment")
 
 
 class Door:
@@ -104,7 +91,7 @@ class Door:
         return getattr(self._transport, name)
 
     def ask(self, key: str, body: bytes, *, on_reply: Callable[[Any], None], **options: Any) -> None:
-        if WORD not in body:
+        if b"act" not in body:
             return self._transport.ask(key, body, on_reply=on_reply, **options)
 
         def hear(reply: Any) -> None:
@@ -117,26 +104,13 @@ class Door:
         return countdown.here("after send")
 
 
-def with_moments(cls: type, method: str, place: str) -> None:
-    """Have a moment before each call of a method."""
-    original = getattr(cls, method)
-
-    def called(self: Any, *values: Any, **named: Any) -> Any:
-        countdown.here(place)
-        return original(self, *values, **named)
-
-    setattr(cls, method, called)
-
-
 def prepare() -> None:
-    with_moments(Recovered, "take", "record read")
-    with_moments(Host, "_settle", "robot back")
-    with_moments(Group, "take_results", "group over")
     recalled = Frame.recalled
 
     def look(frame: Frame, path: str, kind: str, content: Any = None) -> Any:
         step = recalled(frame, path, kind, content)
-        countdown.here("replay" if step is not None else "new step")
+        if step is not None:
+            countdown.here("replay")
         return step
 
     Frame.recalled = look  # type: ignore[method-assign]

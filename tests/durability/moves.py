@@ -17,16 +17,16 @@ import contextlib
 import os
 import random
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.permissions import Isolation
-from tests.durability.stage import Program, Stage, staged
+from tests.durability.stage import Program, Stage, in_folder, staged
 
 SOURCE = ("prepared", "frozen", "out", "answered", "gone")
 DESTINATION = ("ready", "got", "logged", "served", "went")
@@ -218,15 +218,9 @@ def main() -> int:
     parser.add_argument("--apart", action="store_true")
     parser.add_argument("--minutes", type=float, default=float("inf"))
     chosen = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="rt-") as name:
-        folder = Path(name)
-        for variable in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
-            path = folder / variable[4:7].lower()
-            path.mkdir(mode=0o700)
-            os.environ[variable] = str(path)
-        level: Isolation = "process" if chosen.apart else "none"
-        until = time.monotonic() + 60 * chosen.minutes
-        outcome = asyncio.run(campaign(chosen.kills, chosen.seed, folder, level=level, until=until))
+    level: Isolation = "process" if chosen.apart else "none"
+    until = time.monotonic() + 60 * chosen.minutes
+    outcome = in_folder(partial(campaign, chosen.kills, chosen.seed, level=level, until=until))
     sys.stdout.write(f"{report(outcome)}\n")
     return 0 if outcome.good and outcome.kills.total() >= chosen.kills else 1
 

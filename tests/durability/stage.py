@@ -8,11 +8,12 @@ import os
 import re
 import signal
 import sys
+import tempfile
 import time
 from collections import Counter
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from robotree.client.joining import joined
 from robotree.vr.base.address import Role
@@ -20,6 +21,7 @@ from robotree.vr.base.permissions import Isolation
 from robotree.vr.supervision.realm_client import RealmClient
 from tests.waiting import PATIENCE
 
+T = TypeVar("T")
 HERE = Path(__file__).parent
 PAGES = HERE / "pages.py"
 COMPLAINT = re.compile(r"Traceback|Exception|CRITICAL|never awaited|AssertionError")
@@ -186,8 +188,16 @@ class Stage:
             assert time.monotonic() < latest, f"{self.effects}\n{self.told()}"
             await asyncio.sleep(0.005)
 
-    def fields(self, name: str) -> Any:
-        return self.realm_client.describe(name)
+
+def in_folder(play: Callable[[Path], Coroutine[Any, Any, T]]) -> T:
+    """Play trials in a folder of their own, with all that robotree keeps; return what comes of it."""
+    with tempfile.TemporaryDirectory(prefix="rt-") as name:
+        folder = Path(name)
+        for variable in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
+            path = folder / variable[4:7].lower()
+            path.mkdir(mode=0o700)
+            os.environ[variable] = str(path)
+        return asyncio.run(play(folder))
 
 
 async def keep_alive(host: Program, kills: list[str]) -> None:

@@ -14,12 +14,10 @@ import pytest
 
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.permissions import Isolation
+from tests.durability.moves import DESTINATION, SOURCE
 from tests.durability.stage import PATIENCE, Program, Stage
 
 pytestmark = pytest.mark.e2e
-
-SOURCE = ("prepared", "frozen", "out", "answered", "gone")
-DESTINATION = ("ready", "got", "logged", "served", "went")
 
 
 async def owners(stage: Stage) -> list[str]:

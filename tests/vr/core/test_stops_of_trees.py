@@ -61,6 +61,7 @@ async def test_a_stop_that_does_not_reach_a_child_says_so_but_reaches_the_others
 
 
 async def test_in_a_deep_tree_the_error_names_the_robot_that_did_not_answer(realm: Any) -> None:
+    realm.network.delay = 0.06
     top, *others = [await realm.start(Over(f"level-{number}")) for number in range(4)]
     rover = await realm.start(Rover("rover"))
     for parent, child in itertools.pairwise([top, *others, rover]):

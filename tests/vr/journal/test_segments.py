@@ -1,4 +1,4 @@
-"""The files of a log: what was written comes back, what is damaged is named, and one host writes."""
+"""The files of a log: what is damaged or missing is named. The rest is examined in `test_log_places.py`."""
 
 from __future__ import annotations
 
@@ -36,12 +36,6 @@ def read(folder: Path, boot: str = "another") -> list[bytes]:
         return list(log.frames())
     finally:
         log.close()
-
-
-def test_what_was_written_is_read_in_its_order_over_all_files(tmp_path: Path) -> None:
-    written(tmp_path, b"one", b"", b"two")
-    written(tmp_path, b"three")
-    assert read(tmp_path) == [b"one", b"", b"two", b"three"]
 
 
 def test_a_frame_that_was_cut_short_is_left_out_wherever_it_was_cut(tmp_path: Path) -> None:
@@ -145,24 +139,6 @@ def test_a_name_that_is_no_file_of_the_log_is_left_alone(tmp_path: Path) -> None
     written(tmp_path, b"first")
     assert read(tmp_path) == [b"first"]
     assert (tmp_path / "notes.log").read_text() == "mine"
-
-
-def test_of_two_hosts_the_second_is_refused(tmp_path: Path) -> None:
-    first = Segments(tmp_path, OSDisk())
-    with pytest.raises(JournalInUse, match="end that one first"):
-        Segments(tmp_path, OSDisk())
-    first.close()
-    Segments(tmp_path, OSDisk()).close()
-
-
-def test_only_the_newest_file_stays_when_the_older_are_dropped(tmp_path: Path) -> None:
-    written(tmp_path, b"one")
-    log = Segments(tmp_path, OSDisk())
-    log.begin()
-    log.write(bytearray(bytes(HEAD.size) + b"two"))
-    log.drop_older()
-    log.close()
-    assert read(tmp_path) == [b"two"]
 
 
 def test_a_process_that_a_page_has_forked_keeps_no_lock(tmp_path: Path) -> None:

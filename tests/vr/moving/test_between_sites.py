@@ -222,6 +222,9 @@ async def test_what_a_host_of_another_site_refuses_and_what_helps(homes: dict[st
     await far.create("leaf", LEAF)
     await refused("leaf", "hall:h2", CannotMove, "another robot here is called leaf", "another name")
     await h1.create("other", LEAF)
+    far.host.most = 0
+    await refused("other", "hall:h2", VrError, "h2", "is full: it runs 0 robots at most")
+    far.host.most = None
     far.host.gate = Gate()
     await refused("other", "hall:h2", UnknownSigner, "trust")
     h2.host.gate = Gate()

@@ -86,12 +86,3 @@ async def test_a_robot_moves_beside_the_one_that_it_calls_and_says_why(
     assert described.ways[far.host.address.key] > 1.5 * DELAY
     assert described.load is not None
     assert described.load.robots == 2
-
-
-async def test_a_full_host_takes_nobody_and_who_asked_stays(homes: dict[str, Home]) -> None:
-    near, far = homes["lab:h1"], homes["hall:h2"]
-    await near.create("one", LEAF)
-    far.host.most = 0
-    with pytest.raises(Exception, match=r"h2.* is full: it runs 0 robots at most"):
-        await near.migrate("one", "hall:h2")
-    assert near.has("one")
