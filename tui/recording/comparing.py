@@ -78,13 +78,14 @@ def ran(tape: Tape, *, persons: bool = False) -> list[Ran]:
             case _:
                 pass
     moments = _moments(tape)
-    units = _units(tape)
+    robots = tape.described()
     found = list[Ran]()
     for (robot, key), (unix, words) in begun.items():
         end, result = ended.get((robot, key), (None, "went on"))
         readings = _at(moments.get(robot, ([], [])), tape.ended if end is None else end)
         since = None if end is None else end - tape.began
-        found.append(Ran(robot, words, unix - tape.began, since, result, readings, units.get(robot, {})))
+        units = robots[robot].units if robot in robots else {}
+        found.append(Ran(robot, words, unix - tape.began, since, result, readings, units))
     return sorted(found, key=lambda each: each.began)
 
 
@@ -94,11 +95,10 @@ Moments = tuple[list[float], list[Mapping[str, float]]]
 def _moments(tape: Tape) -> Mapping[str, Moments]:
     """Return the readings of each robot with their times."""
     found = dict[str, Moments]()
-    for unix, content in tape.entries:
-        if isinstance(content, RecordedState):
-            times, readings = found.setdefault(content.name, ([], []))
-            times.append(unix)
-            readings.append(content.state.readings)
+    for unix, (name, state) in tape.all_of(RecordedState):
+        times, readings = found.setdefault(name, ([], []))
+        times.append(unix)
+        readings.append(state.readings)
     return found
 
 
@@ -108,23 +108,15 @@ def _at(moments: Moments, unix: float) -> Mapping[str, float]:
     return readings[position - 1] if position else {}
 
 
-def _units(tape: Tape) -> Mapping[str, Mapping[str, str]]:
-    from robotree.vr.base.description import RobotDescription
-
-    contents = (entry.content for entry in tape.entries)
-    return {robot.name: robot.units for robot in contents if isinstance(robot, RobotDescription)}
-
-
 def ranges(*tapes: Tape) -> Mapping[tuple[str, str], float]:
     """Return how far each reading of each robot went in all recordings together."""
-    least, most = dict[tuple[str, str], float](), dict[tuple[str, str], float]()
+    found = dict[tuple[str, str], tuple[float, float]]()
     for tape in tapes:
-        for _, content in tape.entries:
-            if isinstance(content, RecordedState):
-                for name, value in content.state.readings.items():
-                    at = content.name, name
-                    least[at], most[at] = min(least.get(at, value), value), max(most.get(at, value), value)
-    return {at: most[at] - least[at] for at in most}
+        for robot, readings in tape.peaks().items():
+            for name, (low, high) in readings.items():
+                least, most = found.get((robot, name), (low, high))
+                found[robot, name] = min(least, low), max(most, high)
+    return {at: most - least for at, (least, most) in found.items()}
 
 
 def compared(first: Tape, second: Tape) -> list[Pair]:
@@ -239,7 +231,7 @@ class Beside:
         self._times = [ended for ended, _ in self._ended]
         self._tapes = [(tape.began, _moments(tape)) for tape in (first, second)]
         self._lengths = [(seen(tape.name), tape.ended - tape.began) for tape in (first, second)]
-        self._spans, self._units = ranges(first, second), _units(first)
+        self._spans, self._robots = ranges(first, second), first.described()
 
     def words(self, seconds: float) -> str:
         """Return how the last command that had ended by then went in the other one, [s] after the beginning.
@@ -280,7 +272,8 @@ class Beside:
 
     def _other_readings(self, robot: str, seconds: float) -> Iterator[tuple[str, str]]:
         ones, others = (_at(moments[robot], began + seconds) for began, moments in self._tapes)
-        return _unequal(robot, ones, others, self._units.get(robot, {}), self._spans)
+        units = self._robots[robot].units if robot in self._robots else {}
+        return _unequal(robot, ones, others, units, self._spans)
 
 
 def _mark(one: Ran | None, seconds: float) -> str:

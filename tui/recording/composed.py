@@ -130,7 +130,7 @@ def _composition(
     """Return what a file says, and the robots that are known."""
     if source.endswith(".mcap"):
         tape = opened(source)
-        described = {robot.name: robot for robot in living} | _described(tape)
+        described = {robot.name: robot for robot in living} | tape.described()
         wanted = [name for name in line.text("--of").split(",") if name]
         if unknown := [name for name in wanted if name not in described]:
             there = ", ".join(sorted(described)) or "no robot"
@@ -167,11 +167,6 @@ def _text(source: str) -> str:
         raise BadComposition(f"{source}: {error.strerror}; a recording ends with .mcap") from None
 
 
-def _described(tape: Tape) -> dict[str, RobotDescription]:
-    found = (entry.content for entry in tape.entries)
-    return {robot.name: robot for robot in found if isinstance(robot, RobotDescription)}
-
-
 def shown_in(tape: Tape, described: Mapping[str, RobotDescription], wanted: Iterable[str]) -> Gathered:
     """Return what was shown in a recording.
 
@@ -180,13 +175,13 @@ def shown_in(tape: Tape, described: Mapping[str, RobotDescription], wanted: Iter
         described: robots, by name.
         wanted: what these robots did, whoever asked; empty: what persons asked of any robot.
     """
-    events = [entry.content for entry in tape.entries if isinstance(entry.content, HistoryEvent)]
+    events = [event for _, event in tape.all_of(HistoryEvent)]
     starts: dict[str, Mapping[str, float]] = {}
     felt: list[Felt] = []
-    for at, content in tape.entries:
-        if isinstance(content, RecordedState) and content.state.readings:
-            starts.setdefault(content.name, content.state.readings)
-            felt.append(Felt(content.name, at, content.state.readings, LATE))
+    for at, (name, state) in tape.all_of(RecordedState):
+        if state.readings:
+            starts.setdefault(name, state.readings)
+            felt.append(Felt(name, at, state.readings, LATE))
     return gathered(events, described, tuple(wanted), starts, felt)
 
 

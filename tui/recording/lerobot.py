@@ -96,18 +96,17 @@ def taken(tape: Tape) -> Taken:
         dict[str, tuple[list[float], list[float]]](),
         dict[str, tuple[list[float], list[bytes]]](),
     )
-    for unix, content in tape.entries:
-        if isinstance(content, RecordedState):
-            for key, value in content.state.readings.items():
-                if key not in LEFT_OUT:
-                    times, values = readings.setdefault(f"{content.name}.{key}", ([], []))
-                    times.append(unix)
-                    values.append(value)
-        elif isinstance(content, RecordedPicture):
-            feature = f"observation.images.{content.view}_{content.camera}"
-            times, pictures = cameras.setdefault(feature, ([], []))
-            times.append(unix)
-            pictures.append(content.jpeg)
+    for unix, (name, state) in tape.all_of(RecordedState):
+        for key, value in state.readings.items():
+            if key not in LEFT_OUT:
+                times, values = readings.setdefault(f"{name}.{key}", ([], []))
+                times.append(unix)
+                values.append(value)
+    for unix, picture in tape.all_of(RecordedPicture):
+        feature = f"observation.images.{picture.view}_{picture.camera}"
+        times, pictures = cameras.setdefault(feature, ([], []))
+        times.append(unix)
+        pictures.append(picture.jpeg)
     if not readings:
         raise BadRecordedRealm(tape.name, "holds no readings, and a data set is made of these")
     sizes = {feature: _size(tape.name, feature, pictures) for feature, (_, pictures) in cameras.items()}

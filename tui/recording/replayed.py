@@ -134,11 +134,7 @@ def _left(lines: Iterable[str]) -> list[str]:
 
 def _there(tape: Tape) -> Mapping[str, RobotDescription]:
     """Return the robots that were there when the recording began, by name."""
-    return {
-        robot.name: robot
-        for entry in tape.entries
-        if isinstance(robot := entry.content, RobotDescription) and entry.unix <= tape.began
-    }
+    return {robot.name: robot for unix, robot in tape.all_of(RobotDescription) if unix <= tape.began}
 
 
 def _bound(robot: RobotDescription) -> str:
@@ -148,7 +144,11 @@ def _bound(robot: RobotDescription) -> str:
 def _shaped(tape: Tape, mine: Callable[[str], bool]) -> Iterable[_Asked]:
     """Return how the tree was shaped later: who was made, bound, released and deleted."""
     there, slots = _there(tape), _slots(tape)
-    pages = {robot.name: robot.page for robot in _descriptions(tape) if robot.page and mine(robot.page)}
+    pages = {
+        robot.name: robot.page
+        for _, robot in tape.all_of(RobotDescription)
+        if robot.page and mine(robot.page)
+    }
     known = set(there)
     for unix, content in tape.entries:
         if isinstance(content, RecordedEnd):
@@ -181,19 +181,14 @@ def _speaker(content: object) -> str:
 
 def _leases(tape: Tape) -> Iterable[tuple[float, str, str]]:
     """Return when each robot got another parent, by its own history; empty: it was free then."""
-    for entry in tape.entries:
-        event = entry.content
-        if isinstance(event, HistoryEvent) and event.kind == "lease":
+    for _, event in tape.all_of(HistoryEvent):
+        if event.kind == "lease":
             yield event.unix, event.robot, event.parent if event.process else ""
-
-
-def _descriptions(tape: Tape) -> Iterable[RobotDescription]:
-    return (entry.content for entry in tape.entries if isinstance(entry.content, RobotDescription))
 
 
 def _slots(tape: Tape) -> Mapping[tuple[str, str], str]:
     """Return which slot of a parent each child has filled, by the names of both."""
-    bonds = ((robot.bond, robot.name) for robot in _descriptions(tape))
+    bonds = ((robot.bond, robot.name) for _, robot in tape.all_of(RobotDescription))
     return {(bond.parent.name, name): bond.slot for bond, name in bonds if bond is not None}
 
 

@@ -40,9 +40,8 @@ def write(tape: Tape, out: Path) -> tuple[Path, int]:
 def pictures_of(tape: Tape) -> list[Entry]:
     """Return the pictures that a report shows: of each camera some, evenly spread over the time."""
     cameras = dict[tuple[str, str], list[Entry]]()
-    for entry in tape.entries:
-        if isinstance(entry.content, RecordedPicture):
-            cameras.setdefault((entry.content.view, entry.content.camera), []).append(entry)
+    for unix, picture in tape.all_of(RecordedPicture):
+        cameras.setdefault((picture.view, picture.camera), []).append(Entry(unix, picture))
     chosen = list[Entry]()
     for taken in cameras.values():
         count = min(PICTURES, len(taken))

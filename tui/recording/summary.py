@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from robotree.tui.recording.tape import Entry, RecordedLine, RecordedPicture, RecordedState, Tape
 from robotree.tui.seen import status, wording
-from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.readable import quantity
 from robotree.vr.base.requests import LoggedLine
 
@@ -27,19 +26,8 @@ class RecordedRobot(NamedTuple):
 
 def robots_of(tape: Tape) -> Sequence[RecordedRobot]:
     """Return the robots of a recording, by name."""
-    described = {
-        robot.name: robot for entry in tape.entries if isinstance(robot := entry.content, RobotDescription)
-    }
-    states, peaks = Counter[str](), dict[str, dict[str, tuple[float, float]]]()
-    for entry in tape.entries:
-        if not isinstance(entry.content, RecordedState):
-            continue
-        name, state = entry.content
-        states[name] += 1
-        found = peaks.setdefault(name, {})
-        for key, value in state.readings.items():
-            low, high = found.get(key, (value, value))
-            found[key] = (min(low, value), max(high, value))
+    described, peaks = tape.described(), tape.peaks()
+    states = Counter(state.name for _, state in tape.all_of(RecordedState))
     return [
         RecordedRobot(
             name,
@@ -54,17 +42,12 @@ def robots_of(tape: Tape) -> Sequence[RecordedRobot]:
 
 def lines_of(tape: Tape) -> Sequence[tuple[str, LoggedLine]]:
     """Return the lines of all logs, the oldest first."""
-    recorded = (entry.content for entry in tape.entries)
-    return [(line.name, line.line) for line in recorded if isinstance(line, RecordedLine)]
+    return [(name, line) for _, (name, line) in tape.all_of(RecordedLine)]
 
 
 def text(tape: Tape) -> str:
     """Return what is in it, and its log."""
-    cameras = Counter(
-        f"{entry.content.view}/{entry.content.camera}"
-        for entry in tape.entries
-        if isinstance(entry.content, RecordedPicture)
-    )
+    cameras = Counter(f"{picture.view}/{picture.camera}" for _, picture in tape.all_of(RecordedPicture))
     day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(tape.began))
     length = f"{tape.ended - tape.began:.1f} s from {day}"
     ends = f"; {tape.end_in_words}" if tape.end_in_words else ""

@@ -20,10 +20,10 @@ from __future__ import annotations
 import base64
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeVar
 
 import msgspec
 
@@ -84,6 +84,9 @@ class RecordedEnd(NamedTuple):
 
 
 Content = RecordedState | RecordedEnd | RobotDescription | RecordedLine | HistoryEvent | RecordedPicture
+
+
+Kind = TypeVar("Kind", bound=Content)
 
 
 class Entry(NamedTuple):
@@ -217,6 +220,26 @@ class Tape:
     def ended(self) -> float:
         """[s] since 1970."""
         return self.entries[-1].unix
+
+    def all_of(self, kind: type[Kind]) -> Iterator[tuple[float, Kind]]:
+        """Yield what is of one kind, each with its time [s since 1970]."""
+        for unix, content in self.entries:
+            if isinstance(content, kind):
+                yield unix, content
+
+    def described(self) -> dict[str, RobotDescription]:
+        """Return how each robot described itself last, by name."""
+        return {robot.name: robot for _, robot in self.all_of(RobotDescription)}
+
+    def peaks(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """Return the least and the largest value of each reading of each robot."""
+        found = dict[str, dict[str, tuple[float, float]]]()
+        for _, (name, state) in self.all_of(RecordedState):
+            of_robot = found.setdefault(name, {})
+            for key, value in state.readings.items():
+                low, high = of_robot.get(key, (value, value))
+                of_robot[key] = (min(low, value), max(high, value))
+        return found
 
 
 def read(stream: BinaryIO, name: str, *, growing: bool = False) -> Tape:
