@@ -25,10 +25,10 @@ class Unlucky:
     goals = None
 
     def __init__(self) -> None:
-        self.realm = ""
+        self.realm = self.key = ""
 
     async def cast(self, crew: Crew, **_options: object) -> None:
-        self.realm = crew.realm
+        self.realm, self.key = crew.realm, crew._environment["ROBOTREE_KEY"]  # of its members
         raise MemberFailed(["sim"], "did not start", "")
 
     async def play(self, realm: str, folder: Path, *, readonly: bool) -> int:
@@ -44,7 +44,7 @@ async def test_a_demo_for_a_person_is_in_the_realm_of_the_environment(
     story = Unlucky()
     monkeypatch.setattr(demo, "cast", story.cast)
     assert await demo.demo(story, headless=False, realm=given, key="none") == REFUSED
-    assert story.realm == wanted
+    assert (story.realm, story.key) == (wanted, "none")
 
 
 async def test_a_demo_of_a_script_leaves_neither_its_realm_nor_its_key(
@@ -58,5 +58,5 @@ async def test_a_demo_of_a_script_leaves_neither_its_realm_nor_its_key(
 
     monkeypatch.setattr(demo, "cast", cast)
     assert await demo.demo(story, headless=True, pictures=str(tmp_path)) == REFUSED
-    assert story.realm == own.name
+    assert (story.realm, story.key) == (own.name, str(own / REALM_KEY))
     assert not own.exists()

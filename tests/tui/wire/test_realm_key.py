@@ -6,7 +6,6 @@ import fcntl
 import os
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -58,17 +57,20 @@ def test_a_realm_in_two_folders_has_one_key(place: Path, monkeypatch: pytest.Mon
     assert (shared / f"robotree-{os.geteuid()}" / "cell").is_dir()
 
 
-@pytest.mark.usefixtures("place")
-def test_processes_that_come_at_the_same_moment_find_one_key() -> None:
-    code = (
-        "from robotree.tui.wire.security import *; print(Keyring(realm_key('cell')).keys[0][1].fingerprint)"
-    )
+def test_who_was_not_waited_for_and_is_quicker_has_made_the_key_of_all(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(security, "KEY_WITHIN", 0.05)
+    real, quicker = security.create, list[str]()
 
-    def come(_: int) -> str:
-        return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    def create(draft: Path) -> None:
+        monkeypatch.setattr(security, "create", real)
+        quicker.append(fingerprint(realm_key("cell")))
+        real(draft)
 
-    with ThreadPoolExecutor(6) as threads:
-        assert len(set(threads.map(come, range(6)))) == 1
+    monkeypatch.setattr(security, "create", create)
+    assert place.exists()
+    assert [fingerprint(realm_key("cell"))] == quicker
 
 
 KEY_OF_TWO = """

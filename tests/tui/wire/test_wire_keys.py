@@ -43,13 +43,6 @@ def test_a_file_without_keys_starts_nothing(say: Any, tmp_path: Path) -> None:
     assert "holds no key; make another file with `robotree wire key FILE`" in said.err
 
 
-def test_the_demo_does_not_start_unsigned(say: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROBOTREE_KEY", str(key_for("can:robotree/demo-keys?node=1*", tmp_path)))
-    said = say("demo", "--headless", "--can", "--realm", "keys", "--pictures", tmp_path / "pictures")
-    assert (said.code, said.out) == (exit_codes.REFUSED, "")
-    assert "no pattern matches the links of can:robotree/demo-keys?fd=1&node=2" in said.err
-
-
 def test_who_has_the_key_records_a_robot_that_waits_to_be_spoken_to(
     say: Any, guarded: Any, tmp_path: Path
 ) -> None:
