@@ -75,9 +75,7 @@ class Budget:
         limit: float = getattr(terms, kind)
         return max(0.0, limit - self.used(kind, now))
 
-    def expect(
-        self, kind: Limited, terms: AssistantTerms, now: float, *, assistant: str, amount: float = 0
-    ) -> None:
+    def expect(self, kind: Limited, terms: AssistantTerms, now: float, *, assistant: str) -> None:
         """Check that something is left.
 
         Args:
@@ -85,13 +83,11 @@ class Budget:
             terms: of the policy.
             now: [s] since 1970.
             assistant: its name.
-            amount: how much is needed; 0: anything.
 
         Raises:
             BudgetSpent: it is not.
         """
-        left = self.left(kind, terms, now)
-        if left > 0 and left >= amount:
+        if self.left(kind, terms, now) > 0:
             return
         oldest = min((use.unix for use in self.uses if use.kind == kind and use.unix > now - LENGTHS[kind]),
                      default=now)  # fmt: skip

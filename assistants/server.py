@@ -67,52 +67,56 @@ INSTRUCTIONS: Final = (
 )
 _Context = ServerRequestContext[Any, Any]
 
-_TEXT: Final[dict[str, Any]] = {"type": "string", "maxLength": 80}
+
+def _own_tool(
+    name: str,
+    description: str,
+    *needs: str,
+    takes: tuple[str, ...] = (),
+    hints: types.ToolAnnotations | None = None,
+) -> types.Tool:
+    """Return a tool that belongs to no robot; its arguments, those that it needs and others, are texts."""
+    text = {"type": "string", "maxLength": 80}
+    schema = {
+        "type": "object",
+        "properties": dict.fromkeys((*needs, *takes), text),
+        "required": [*needs],
+        "additionalProperties": False,
+    }
+    return types.Tool(name=name, description=description, input_schema=schema, annotations=hints)
+
+
+_READS: Final = types.ToolAnnotations(read_only_hint=True)
 _OWN_TOOLS: Final = (
-    types.Tool(
-        name="robotree_stop",
-        description="Protective stop of a robot and of those below it, or of all robots: at once, always"
-        " allowed. Only a person can resume.",
-        input_schema={"type": "object", "properties": {"robot": _TEXT}, "additionalProperties": False},
-        annotations=types.ToolAnnotations(idempotent_hint=True),
+    _own_tool(
+        "robotree_stop",
+        "Protective stop of a robot and of those below it, or of all robots: at once, always allowed. Only a"
+        " person can resume.",
+        takes=("robot",),
+        hints=types.ToolAnnotations(idempotent_hint=True),
     ),
-    types.Tool(
-        name="robotree_robots",
-        description="List the robots that you may see, with their state and readings.",
-        input_schema={"type": "object", "properties": {}, "additionalProperties": False},
-        annotations=types.ToolAnnotations(read_only_hint=True),
+    _own_tool(
+        "robotree_robots",
+        "List the robots that you may see, with their state and readings.",
+        hints=_READS,
     ),
-    types.Tool(
-        name="robotree_permit",
-        description="Look whether a person has said yes to your call; if so it begins now, once, and this"
-        " waits for its end.",
-        input_schema={
-            "type": "object",
-            "properties": {"permit": _TEXT},
-            "required": ["permit"],
-            "additionalProperties": False,
-        },
+    _own_tool(
+        "robotree_permit",
+        "Look whether a person has said yes to your call; if so it begins now, once, and this waits for its"
+        " end.",
+        "permit",
     ),
-    types.Tool(
-        name="robotree_withdraw",
-        description="Take back a permit that you do not need any more, or end a command of yours.",
-        input_schema={
-            "type": "object",
-            "properties": {"permit": _TEXT},
-            "required": ["permit"],
-            "additionalProperties": False,
-        },
+    _own_tool(
+        "robotree_withdraw",
+        "Take back a permit that you do not need any more, or end a command of yours.",
+        "permit",
     ),
-    types.Tool(
-        name="robotree_look",
-        description="Take a picture of a workspace.",
-        input_schema={
-            "type": "object",
-            "properties": {"view": _TEXT, "camera": _TEXT},
-            "required": ["view"],
-            "additionalProperties": False,
-        },
-        annotations=types.ToolAnnotations(read_only_hint=True),
+    _own_tool(
+        "robotree_look",
+        "Take a picture of a workspace.",
+        "view",
+        takes=("camera",),
+        hints=_READS,
     ),
 )
 

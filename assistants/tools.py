@@ -65,18 +65,15 @@ def text_of(spec: CommandSpec, *, asks: bool) -> CommandText:
     return CommandText(bounded(spec.name), tail, schema_of(spec))
 
 
-def tool_of(
-    robot: RobotDescription, spec: CommandSpec, *, asks: bool, text: CommandText | None = None
-) -> CommandTool:
+def tool_of(robot: RobotDescription, spec: CommandSpec, *, asks: bool, text: CommandText) -> CommandTool:
     """Return a command as a tool.
 
     Args:
         robot: whose it is.
         spec: the command.
         asks: whether each call needs a person's yes.
-        text: of the command, if it is known: `text_of`.
+        text: of the command: `text_of`.
     """
-    text = text_of(spec, asks=asks) if text is None else text
     who = f"{bounded(robot.name)} ({bounded(robot.kind)})"
     description = f"Command {text.name} of robot {who}. {text.tail}"
     return CommandTool(tool_name(robot.name, spec.name), robot.name, spec, description, text.schema, asks)

@@ -51,12 +51,11 @@ def private_folder(path: Path, *, strict: bool = False) -> bool:
         os.close(folder)
 
 
-def private_file(path: Path, *, make: bool = True) -> bool:
+def private_file(path: Path) -> bool:
     """See that a file is there which only we can open; make an empty one if need be.
 
     Args:
         path: of the file.
-        make: whether to make one; else a missing file is an error.
 
     Returns:
         Whether it was open to other users until now. It is not any more.
@@ -64,7 +63,7 @@ def private_file(path: Path, *, make: bool = True) -> bool:
     Raises:
         OSError: it cannot be made, is no ordinary file, or belongs to somebody else.
     """
-    file = opened(path, os.O_RDWR | (os.O_CREAT if make else 0) | own(path))
+    file = opened(path, os.O_RDWR | os.O_CREAT | own(path))
     try:
         return _close_to_others(file, path, 0o600)
     finally:

@@ -26,9 +26,7 @@ def test_what_was_used_counts_for_its_time_whatever_the_clock_does(tmp_path: Pat
     terms, now = AssistantTerms(calls=2, metres=3.0, seconds=10.0), [1e6]
     budget = Budget([Use(1e6 + 500, "metres", 2.5)])  # the clock was put back since
     assert budget.left("metres", terms, 1e6) == 0.5
-    with pytest.raises(BudgetSpent, match="metres"):
-        budget.expect("metres", terms, 1e6, assistant="claude", amount=0.6)
-    budget.expect("metres", terms, 1e6 + 500 + 3600, assistant="claude", amount=3.0)
+    assert budget.left("metres", terms, 1e6 + 500 + 3600) == 3.0
 
     def check(found: Budget, at: float) -> None:
         found.expect("calls", terms, at, assistant="claude")

@@ -126,11 +126,6 @@ def test_what_is_open_to_others_is_closed_and_that_is_told(tmp_path: Path) -> No
     assert (tmp_path / "file").read_text() == "kept"
 
 
-def test_a_missing_file_is_made_only_on_request(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        private_file(tmp_path / "x", make=False)
-
-
 @pytest.mark.timeout(60)
 def test_a_private_place_is_what_it_should_be(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "fifo")

@@ -26,7 +26,7 @@ from robotree.vr.world.world import World
 from tests.world.keeping import MOMENTS, RETURNS, KeepingRealm
 from tests.world.machine_world import errors_kept, tell
 from tests.world.realm import CartProxy, lease_of
-from tests.world.story import Judge, Judged
+from tests.world.story import Deeds, Judge, Judged
 
 LENGTH, BUILT, CALM, PROBE = 20.0, 2.0, 9.0, 16.0
 """[s] of a story; from when on operators call; from when on nothing goes wrong; when all must be whole."""
@@ -185,7 +185,7 @@ class KeepingJudge(Judge):
                 self.complain(f"{name} is not stopped any more, and nobody has released it")
 
 
-class CrashStory(Judged):
+class CrashStory(Judged, Deeds):
     """What happens to one realm."""
 
     realm_class: type[KeepingRealm] = KeepingRealm
@@ -195,6 +195,7 @@ class CrashStory(Judged):
         self.world, self.realm = world, self.realm_class(world)
         self.judge = self.judge_class(self.realm)
         self.realm.complain = self.judge.complain
+        self.processes, self.realm_clients = self.realm.processes, self.realm.realm_clients
         self.chance = random.Random(f"{seed} crashes")
         self.calm = self.chance.random() < 0.4
         self.where = {
@@ -204,7 +205,7 @@ class CrashStory(Judged):
         }
         self.bonds = {(parent, slot): child for parent, slot, child in BONDS}
         self.open: dict[str, float] = {}
-        self.calls = self.done = self.deeds = self.ends = 0
+        self.calls = self.done = self.ends = 0
         self._forgotten: Counter[str] = Counter()
         """How often each robot may have lost its stop: also one that is just being confirmed."""
         self.whole = False
@@ -242,13 +243,6 @@ class CrashStory(Judged):
         at(PROBE, lambda: self._begin("guide", "tour", 0.1, "operator-1"))
 
     # -- operators --------------------------------------------------------------------------------
-
-    def _as_operator(self, work: Any, what: str, operator: str = "operator-1") -> None:
-        process = self.realm.processes[operator]
-        if process.alive and operator in self.realm.realm_clients:
-            process.do(lambda: work, what)
-        else:
-            work.close()
 
     async def _build(self) -> None:
         """Create and bind what is missing, and tell what is bound otherwise."""
@@ -354,9 +348,6 @@ class CrashStory(Judged):
             if name in self.realm.keeps:
                 self._watch(name)
 
-    def _after(self, seconds: float, action: Callable[[], object]) -> None:
-        self.world.runner.at(self.world.runner.now() + seconds, action)
-
     def _end_a_host(self) -> None:
         """Have a host end at a moment of its work, and perhaps its next life, too."""
         chance, name = self.chance, self.chance.choice(["host-1", "host-1", "host-2"])
@@ -388,10 +379,6 @@ class CrashStory(Judged):
             self._kill_two,
             self._call_spare,
         ]
-
-    def _deed(self, what: str) -> None:
-        self.deeds += 1
-        self.world.note("story", what)
 
     def _host(self) -> str:
         return self.chance.choice(["host-1", "host-1", "host-2"])
@@ -514,10 +501,7 @@ class CrashStory(Judged):
         self._begin("spare", "drive", 0.1, "operator-1")
 
     def _kill_operator(self) -> None:
-        self._deed("kill operator-2")
-        self.realm.processes["operator-2"].kill()
-        self.realm.realm_clients.pop("operator-2", None)
-        self._after(0.5, lambda: self._revive("operator-2"))
+        self._end_operator(partial(self._revive, "operator-2"))
 
     def _pause_host(self) -> None:
         name = self._host()
@@ -564,9 +548,6 @@ class CrashStory(Judged):
 
     def _check(self) -> None:
         complain = self.judge.complain
-        for label, latest in self.open.items():
-            if latest < self.world.runner.now():
-                complain(f"{label} never ends")
         for complaint in self.world.complaints:
             complain(f"complaint: {complaint}")
         if not self.whole:
@@ -576,12 +557,8 @@ class CrashStory(Judged):
             lease = lease_of(agents[child]) if child in agents else None
             if lease is None or lease.parent.name != parent:
                 complain(f"{child} has {lease and lease.parent.name} as its parent, not {parent}")
-        for name, agent in agents.items():
-            calls = agent.runtime.core.state.calls
-            if calls.running or calls.waiting:
-                complain(f"{name} still has {calls.running} and {list(calls.waiting)}")
-            if agent.runtime.runs:
-                complain(f"{name} still has runs {list(agent.runtime.runs)}")
+        for wrong in self._undone(self.open, agents):
+            complain(wrong)
 
 
 def play(seed: int, kind: type[CrashStory] = CrashStory) -> tuple[str, CrashStory]:

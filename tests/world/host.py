@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from functools import partial
 from math import inf
 from types import ModuleType
@@ -31,6 +31,7 @@ from tests.world import pages
 from tests.world.laws import network_is_whole
 from tests.world.machine_world import MachineWorld, play_on_machine
 from tests.world.pages import DETACHED, SOURCES
+from tests.world.story import Deeds
 
 LENGTH, BUILT, CALM, PROBE = 13.0, 1.5, 7.5, 11.5
 """[s] of a story; from when on operators call; from when on nothing goes wrong; when all must be whole."""
@@ -100,8 +101,10 @@ class SlowJournal:
             self._runner.waiter().wait(self._chance() * self._slow)
 
 
-class HostStory:
+class HostStory(Deeds):
     """What happens on one host, and the laws that hold there."""
+
+    world: MachineWorld
 
     def __init__(self, seed: int, world: MachineWorld) -> None:
         self.world, self.chance = world, random.Random(f"{seed} host")
@@ -113,7 +116,7 @@ class HostStory:
         self.journal: Any = None
         self.open: dict[str, float] = {}
         """Calls that have not ended, and when they must have [s]."""
-        self.calls = self.done = self.deeds = 0
+        self.calls = self.done = 0
         self.whole = False
         self._slow_disk = self.chance.choice([0.0, 0.0, 0.01])
         self._running: dict[str, float] = {}
@@ -189,13 +192,6 @@ class HostStory:
 
     # -- operators --------------------------------------------------------------------------------
 
-    def _as_operator(self, work: Awaitable[Any], what: str, operator: str = "operator-1") -> None:
-        process = self.processes[operator]
-        if process.alive and operator in self.realm_clients:
-            process.do(lambda: work, what)
-        else:
-            work.close()  # type: ignore[attr-defined] # it is a coroutine
-
     async def _build(self) -> None:
         """Create and bind what is missing."""
         realm_client = self.realm_clients["operator-1"]
@@ -251,9 +247,6 @@ class HostStory:
         if self.open.pop(label, None) is None:
             self.complain(f"{label} ends twice")
 
-    def _after(self, seconds: float, action: Callable[[], object]) -> None:
-        self.world.runner.at(self.world.runner.now() + seconds, action)
-
     # -- what else they do ------------------------------------------------------------------------
 
     def _deeds(self) -> list[Callable[[], None]]:
@@ -268,11 +261,6 @@ class HostStory:
             self._pause_host,
             partial(self._cancel, "axle"),
         ]
-
-    def _deed(self, what: str) -> str:
-        self.deeds += 1
-        self.world.note("story", what)
-        return what
 
     def _cancel(self, name: str) -> None:
         operator = self.chance.choice(OPERATORS)
@@ -341,10 +329,7 @@ class HostStory:
         self._as_operator(rebind(), "rebind")
 
     def _kill_operator(self) -> None:
-        self._deed("kill operator-2")
-        self.processes["operator-2"].kill()
-        self.realm_clients.pop("operator-2", None)
-        self._after(0.5, self._revive_operator)
+        self._end_operator(self._revive_operator)
 
     def _revive_operator(self) -> None:
         if not self.processes["operator-2"].alive:
@@ -383,9 +368,8 @@ class HostStory:
         self._begin("cart", "drive", 0.1, "operator-1")
 
     def _check(self) -> None:
-        for label, latest in self.open.items():
-            if latest < self.world.runner.now():
-                self.complain(f"{label} never ends")
+        for wrong in self._undone(self.open, self.host.agents):
+            self.complain(wrong)
         self.broken += [f"complaint: {complaint}" for complaint in self.world.complaints]
         self.broken += [f"logged: {one}" for one in self.world.logged if "abandoned" not in one]
         if not self.whole:
@@ -393,12 +377,6 @@ class HostStory:
         self.broken += network_is_whole(self.processes.values())  # type: ignore[arg-type] # of a machine
         for core in self.cores:
             self._check_journal(core)
-        for name, agent in self.host.agents.items():
-            calls = agent.runtime.core.state.calls
-            if calls.running or calls.waiting:
-                self.complain(f"{name} still has {calls.running} and {list(calls.waiting)}")
-            if agent.runtime.runs:
-                self.complain(f"{name} still has runs {list(agent.runtime.runs)}")
 
     def _check_journal(self, core: KeepingCore) -> None:
         """What is written is what has happened, in its order."""

@@ -11,10 +11,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from robotree.protocol.messages import ModeKind
+from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.errors import VrError
 from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.client import RobotClient
@@ -194,6 +196,50 @@ class Judge:
                     self.complain(
                         f"{parent.robot.name} believes in a lease longer than {child.robot.name} grants"
                     )
+
+
+class Deeds:
+    """A story in which operators do something, and other things happen."""
+
+    world: World
+    processes: dict[str, SimulatedProcess]
+    realm_clients: dict[str, RealmClient]
+    """Of the operators whose programs are in the realm."""
+    deeds = 0
+
+    def _as_operator(self, work: Any, what: str, operator: str = "operator-1") -> None:
+        """Have an operator do something: a coroutine."""
+        process = self.processes[operator]
+        if process.alive and operator in self.realm_clients:
+            process.do(lambda: work, what)
+        else:
+            work.close()
+
+    def _after(self, seconds: float, action: Callable[[], object]) -> None:
+        self.world.runner.at(self.world.runner.now() + seconds, action)
+
+    def _deed(self, what: str) -> None:
+        self.deeds += 1
+        self.world.note("story", what)
+
+    def _end_operator(self, revive: Callable[[], object]) -> None:
+        """Kill the second operator, who comes back soon."""
+        self._deed("kill operator-2")
+        self.processes["operator-2"].kill()
+        self.realm_clients.pop("operator-2", None)
+        self._after(0.5, revive)
+
+    def _undone(self, open_calls: Mapping[str, float], agents: Mapping[str, RobotAgent]) -> Iterator[str]:
+        """Yield what is wrong at the end: calls that never end, and what robots still have to do."""
+        for label, latest in open_calls.items():
+            if latest < self.world.runner.now():
+                yield f"{label} never ends"
+        for name, agent in agents.items():
+            calls = agent.runtime.core.state.calls
+            if calls.running or calls.waiting:
+                yield f"{name} still has {calls.running} and {list(calls.waiting)}"
+            if agent.runtime.runs:
+                yield f"{name} still has runs {list(agent.runtime.runs)}"
 
 
 class Judged:

@@ -219,9 +219,9 @@ def _callers(stage: Stage) -> Law:
         def attend(self, key: str, caller: str) -> None: ...
 
     class Loop:
-        def call_soon_threadsafe(self, _watch: object, caller: str, *, context: object) -> None:
+        def call_soon_threadsafe(self, watch: partial[None], *, context: object) -> None:
             del context
-            woken.append(caller)
+            woken.extend(watch.args)
 
     async def make() -> Callers:
         return Callers(cast("Any", Runtime()), cast("Any", None))
