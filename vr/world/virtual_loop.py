@@ -279,7 +279,8 @@ class VirtualLoop(base_events.BaseEventLoop):
                     for _ in range(MOST_BLOCKS):  # `close` would leave an asynchronous generator as it is
                         with contextlib.suppress(BaseException):
                             coroutine.throw(_Dropped())
-                        if coroutine.cr_frame is None:
+                        # what asyncio wraps around another awaitable is a generator
+                        if getattr(coroutine, "cr_frame", None) is getattr(coroutine, "gi_frame", None):
                             break
         finally:
             _set_running_loop(previous)
