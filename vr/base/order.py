@@ -11,14 +11,14 @@ Pure.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import msgspec
 
 from robotree.vr.base.address import Role, everyone
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription
-from robotree.vr.base.errors import NoSuchOrder, SeveralOrders, ShortTicket
+from robotree.vr.base.errors import NoSuchOrder, SeveralOrders, SeveralRobots, ShortTicket
 from robotree.vr.base.principal import Principal
 
 OrderState = Literal["waiting", "cancelled", "expired", "taken", "refused", "doubt", "done", "failed"]
@@ -255,6 +255,19 @@ def merged_hold(one: OrderHold, other: OrderHold) -> OrderHold:
     """Return what is true of a hold of which two copies are known: a release is never undone."""
     first = max(one, other, key=lambda each: (each.released, each.released_by, _encode(each)))
     return msgspec.structs.replace(first, freed=tuple(sorted({*one.freed, *other.freed})))
+
+
+def expect_one(meant: Sequence[KnownAgent]) -> KnownAgent:
+    """Return the only one of the robots of a name that are remembered.
+
+    Raises:
+        SeveralRobots: there are several.
+    """
+    if len(meant) > 1:
+        known = ", ".join(sorted(each.identity[:8] for each in meant))
+        example = f"--robot {meant[0].identity[:8]}"
+        raise SeveralRobots(name=meant[0].name, count=len(meant), known=known, example=example)
+    return meant[0]
 
 
 def clock_ahead(own: float, other: float) -> float:

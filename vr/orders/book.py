@@ -22,7 +22,6 @@ from robotree.vr.base.errors import (
     NotOrdered,
     NotRemembered,
     OrderOver,
-    SeveralRobots,
 )
 from robotree.vr.base.order import (
     LONGEST_ORDER,
@@ -31,6 +30,7 @@ from robotree.vr.base.order import (
     Order,
     OrderHold,
     clock_ahead,
+    expect_one,
     mark_of,
     merged,
     merged_hold,
@@ -255,12 +255,7 @@ class OrderBook:
         meant = [each for each in found if not each.deleted] or [max(found, key=lambda each: each.deleted)]
         if len(meant) > 1:
             meant = [each for each in meant if self.here(each)] or meant
-        if len(meant) > 1:
-            known = ", ".join(sorted(each.identity[:8] for each in meant))
-            raise SeveralRobots(
-                name=name, count=len(meant), known=known, example=f"--robot {meant[0].identity[:8]}"
-            )
-        return meant[0]
+        return expect_one(meant)
 
     def known(self, request: ReadKnown) -> list[KnownAgent]:
         """Return what is remembered, by name."""

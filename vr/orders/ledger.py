@@ -139,7 +139,6 @@ class Ledger:
         self.rest: dict[str, dict[str, float]] = {}
         """Where each robot came to rest, by identity, as far as it says; not known while it moves."""
         self._lock = threading.Lock()
-        self._file: FileRecords | None = None
         self._records: Records | None = None
         if place is None:
             return
@@ -152,9 +151,8 @@ class Ledger:
 
     def _open(self, place: Path | Records) -> None:
         if isinstance(place, Path):
-            self._records = self._file = FileRecords(place)
-        else:
-            self._records = place
+            place = FileRecords(place)
+        self._records = place
         for kind, key, body in self._records.records():
             if kind == ENTRY:
                 self.entries[key] = _decode(body)
@@ -165,10 +163,9 @@ class Ledger:
 
     def close(self) -> None:
         """Let the file go. Twice is once."""
-        file, self._file = self._file, None
-        self._records = None
-        if file is not None:
-            file.close()
+        records, self._records = self._records, None
+        if isinstance(records, FileRecords):
+            records.close()
 
     def take_over(self, path: Path) -> None:
         """Keep what a file holds, too, and put the file aside: killed in between, the same is done again.

@@ -17,7 +17,6 @@ from robotree.vr.base.errors import (
     NoDirectory,
     NoSuchOrder,
     NotRemembered,
-    SeveralRobots,
     TransportError,
     VrError,
 )
@@ -28,6 +27,7 @@ from robotree.vr.base.order import (
     Order,
     OrderHold,
     clock_ahead,
+    expect_one,
     expect_ticket,
     merged,
     merged_hold,
@@ -276,12 +276,7 @@ class OrderDesk:
         alive = [each for each in found if not each.deleted]
         if not alive:
             return max(found, key=lambda each: each.deleted, default=None)
-        if len(alive) > 1:
-            known = ", ".join(each.identity[:8] for each in alive)
-            raise SeveralRobots(
-                name=name, count=len(alive), known=known, example=f"--robot {alive[0].identity[:8]}"
-            )
-        return alive[0]
+        return expect_one(alive)
 
     async def leave_again(self, order: Order, device: str) -> OrderLeft:
         """Leave an order that was left in a memory without a network, under its key; else as `leave`.

@@ -112,15 +112,6 @@ async def test_a_deleted_robot_is_gone_and_its_name_is_free(realm: Realm) -> Non
     assert (await realm.client().describe()).robots == ()
 
 
-async def test_a_name_is_given_once_in_the_realm(realm: Realm) -> None:
-    await realm.client().create(Bundle(ADDER, "adder.py"), "sum")
-    for number in (0, 1):
-        with pytest.raises(DuplicateName, match="a robot named 'sum' is already running"):
-            await realm.client(number).create(Bundle(ADDER, "adder.py"), "sum")
-    with pytest.raises(DuplicateName, match="a host named 'host-1'"):
-        await realm.add("host-1")
-
-
 @pytest.mark.parametrize("hosts", [(0, 0), (0, 1)])
 async def test_of_two_made_at_once_under_one_name_one_stays(realm: Realm, hosts: tuple[int, int]) -> None:
     making = [realm.client(number).create(Bundle(ADDER, "adder.py"), "sum") for number in hosts]

@@ -57,21 +57,6 @@ async def test_an_order_is_carried_out_once_when_its_robot_is_back(stage: Stage)
     assert not await person.orders.inbox()
 
 
-async def test_orders_begin_in_the_order_in_which_they_were_left(stage: Stage) -> None:
-    await stage.directory("d1")
-    await stage.directory("d2")
-    person, other = await stage.person(), await stage.person("other")
-    ledger = await remembered(stage)
-    keys = [
-        (await who.orders.leave("r1", "drive", {"x": 1.0})).order.key
-        for who in (person, other, person, other)
-    ]
-    rover = Rover("r1")
-    await stage.robot(rover, ledger)
-    await stage.until(lambda: len(rover.done) == 4)
-    assert rover.done == keys
-
-
 async def test_bad_input_is_refused_in_a_sentence_and_nothing_is_kept(stage: Stage) -> None:
     person = await stage.person()
     with pytest.raises(NoDirectory, match="start one with `robotree directory"):
