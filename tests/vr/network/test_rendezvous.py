@@ -451,27 +451,6 @@ def test_two_that_found_a_realm_at_once_in_two_folders_are_in_one_realm(
         mesh.close().result(60.0)
 
 
-def test_who_comes_later_looks_at_both_folders_wherever_it_comes_from(
-    usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    places = founded_at_once(usual, monkeypatch)
-    doors = [place.register() for place in places]
-    for runtime in (str(usual[0]), ""):
-        monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
-        newcomer = Rendezvous("test", listed=False)
-        assert sorted(newcomer.others()) == sorted(place.tag for place in places)
-        for place in places:
-            newcomer.dial(place.tag).close()
-            assert newcomer.keys_of(place.tag) == []
-            beat = newcomer.beat_of(place.tag)
-            assert beat is not None
-            beat.close()
-    doors[0].close()
-    newcomer.forget(places[0].tag)
-    assert newcomer.others() == [places[1].tag]
-    doors[1].close()
-
-
 def test_the_other_folder_is_no_place_to_meet_if_somebody_else_can_enter_it(
     usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
