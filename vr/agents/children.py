@@ -12,7 +12,7 @@ import logging
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from robotree.vr.agents.shared import Beside
+from robotree.vr.agents.shared import Beside, loop_now
 from robotree.vr.author.virtual_robot import VirtualRobot, slots_of
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import CommandSpec, RobotDescription, SlotSpec, offered
@@ -108,10 +108,7 @@ class ChildKeeper:
     def _spec(self, slot: str) -> SlotSpec:
         return self._runtime.look(lambda state: state.slots[slot].spec)
 
-    def _client(self, bond: Bond) -> RobotClient:
-        return self._client_of(bond.child)
-
-    def _client_of(self, child: Address) -> RobotClient:
+    def _client(self, child: Address) -> RobotClient:
         return RobotClient(self._transport, child, sender=self._runtime.key)
 
     # -- binding ----------------------------------------------------------------------------------
@@ -166,7 +163,7 @@ class ChildKeeper:
         With a reason `why` it was chosen as one that has nothing to do.
         """
         self._runtime.post(on.Reserve(slot=slot, child=child, principal=asker))
-        client = self._client_of(child)
+        client = self._client(child)
         key = fresh_key()
         try:
             bond = await self._ask(client, slot, key, returns, asker, idle=why != "" and returns is None)
@@ -189,7 +186,7 @@ class ChildKeeper:
             BondError: another one is watched there, or it is of another kind.
             TransportError: the robot does not answer.
         """
-        wanted, found = self._spec(slot).kind, await self._client_of(robot).describe()
+        wanted, found = self._spec(slot).kind, await self._client(robot).describe()
         if wanted not in found.kinds:
             raise WrongKind(
                 robot=self._parent.name, slot=slot, wanted=wanted, child=robot.name, kind=found.kind
@@ -225,7 +222,7 @@ class ChildKeeper:
     async def _consider(self, slot: str, watched: Address, life: Address) -> None:
         """Watch a robot of the name of one that has gone, if it is that one."""
         try:
-            found = await self._client_of(life).describe()
+            found = await self._client(life).describe()
         except VrError:
             return  # it has gone again, or hangs: its presence will tell
         site, identity = self._homes.get(slot, ("", ""))
@@ -266,7 +263,7 @@ class ChildKeeper:
         bond = self._runtime.bond_in(slot)
         self._runtime.post(on.FreeAsked(slot=slot, principal=asker))
         with contextlib.suppress(VrError):
-            await self._client(bond).release(self._parent, bond.lease.epoch, timeout=FAREWELL)
+            await self._client(bond.child).release(self._parent, bond.lease.epoch, timeout=FAREWELL)
 
     def keep(self) -> None:
         """Release nobody at the end: the robot will be started again."""
@@ -278,7 +275,7 @@ class ChildKeeper:
             self._follow_lives(slot, robot)
             if self._presence.there(robot.key):
                 with contextlib.suppress(VrError):
-                    found = await self._client_of(robot).describe()
+                    found = await self._client(robot).describe()
                     self._homes[slot] = self._homes[slot][0], found.identity
         await asyncio.gather(*(self._take_back_one(slot, bond) for slot, bond in self._bonds().items()))
 
@@ -292,9 +289,9 @@ class ChildKeeper:
             self._runtime.post(on.Lose(slot=slot, child=child, epoch=epoch, reason=reason))
             return
         self._watch(slot, child)
-        self.renew(on.RenewLease(slot=slot, child=child, epoch=epoch, sent=_now()))
-        until = _now() + FAREWELL
-        while _now() < until:  # the answer comes in another thread
+        self.renew(on.RenewLease(slot=slot, child=child, epoch=epoch, sent=loop_now()))
+        until = loop_now() + FAREWELL
+        while loop_now() < until:  # the answer comes in another thread
             now = self._bonds().get(slot)
             if now is None:
                 return
@@ -307,7 +304,7 @@ class ChildKeeper:
         """Hold a child again whose host is starting, too, or lose it when it does not come in time."""
         if await self._presence.until(bond.child.key, there=True, within=bond.returns):
             self._watch(slot, bond.child)
-            self.renew(on.RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=_now()))
+            self.renew(on.RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=loop_now()))
         self._returning.pop(slot, None)
 
     async def close(self) -> None:
@@ -374,12 +371,12 @@ class ChildKeeper:
         """
         stated = self._spec(lost.slot).returns or (RETURN if lost.slot in self._anew else 0.0)
         self._anew.discard(lost.slot)
-        latest = _now() + (stated or RETURN)
-        while not self._closed and _now() < latest:
+        latest = loop_now() + (stated or RETURN)
+        while not self._closed and loop_now() < latest:
             try:
                 if not (stated or self._presence.lives(lost.child.key)):
                     return
-                child = await self._heard(lost.child, anew=stated > 0.0, within=latest - _now())
+                child = await self._heard(lost.child, anew=stated > 0.0, within=latest - loop_now())
                 if child is None:
                     return
                 returns = lost.epoch if child == lost.child else FRESH
@@ -439,20 +436,20 @@ class ChildKeeper:
             asker=gate.asker(asker) if gate.closed and (asker.person or asker.site) else None,
             idle=idle,
         )
-        sent = _now()
+        sent = loop_now()
         try:
             granted = await client.petition(petition)
         except Unreachable:
             if not self._presence.lives(child.key):  # after one of two hung, their link is gone
                 raise
             await self._presence.until(child.key, there=True, within=REUNION)
-            sent = _now()
+            sent = loop_now()
             granted = await client.petition(
                 petition
             )  # the same one: a child that has granted it grants it again
         if granted.robot is None:
             raise Garbled(key=child.key, detail="it grants a lease but does not say who it is")
-        lease = HeldLease.begin(epoch=granted.epoch, term=granted.term, sent=sent, now=_now())
+        lease = HeldLease.begin(epoch=granted.epoch, term=granted.term, sent=sent, now=loop_now())
         return Bond(
             child=child,
             lease=lease,
@@ -468,8 +465,8 @@ class ChildKeeper:
 
     def _retract(self, client: RobotClient, key: str) -> None:
         async def tell() -> None:
-            latest = _now() + self._term  # then the lease is over, if there is one
-            while _now() < latest:
+            latest = loop_now() + self._term  # then the lease is over, if there is one
+            while loop_now() < latest:
                 try:
                     await client.retract(self._parent, key, timeout=RECEIPT)
                 except TransportError:
@@ -543,7 +540,7 @@ class ChildKeeper:
             TransportError: it does not answer.
         """
         bond = self._runtime.bond_in(slot)
-        description = await self._client(bond).describe()
+        description = await self._client(bond.child).describe()
         if description.command(command) is None:
             known = offered((spec.name for spec in description.commands), command)
             raise NoSuchCommand(robot=description.name, command=command, known=known)
@@ -567,7 +564,7 @@ class ChildKeeper:
         self._entrusted = secret
 
         async def tell(slot: str, bond: Bond) -> tuple[str, str]:
-            key, sent = bond.child.key, _now()
+            key, sent = bond.child.key, loop_now()
             granted = await ask(
                 self._transport,
                 key,
@@ -588,7 +585,7 @@ class ChildKeeper:
     def renew_all(self) -> None:
         """Ask all children to prolong their leases now: the core does not while the robot is on its way."""
         for slot, bond in self._bonds().items():
-            self.renew(on.RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=_now()))
+            self.renew(on.RenewLease(slot=slot, child=bond.child, epoch=bond.lease.epoch, sent=loop_now()))
 
     def stop_all(self, reason: str, order: str) -> None:
         """Pass a stop on to all children; nobody waits for their answers."""
@@ -630,7 +627,7 @@ class ChildKeeper:
         bond = self._runtime.bond_in(slot)
         within, acknowledged = budget.below(bond.lease.round_trip), asyncio.Event()
         asking = asyncio.ensure_future(
-            self._client(bond).safe_stop(
+            self._client(bond.child).safe_stop(
                 reason, order=order, timeout=budget.wait, within=within, accepted=acknowledged.set
             )
         )
@@ -675,7 +672,7 @@ class ChildKeeper:
             timeout, epoch = max(budget.wait - waited, LEAST), bond.lease.epoch
             answer: Sequence[str] | VrError
             try:
-                answer = await self._client(bond).resume(
+                answer = await self._client(bond.child).resume(
                     epoch=epoch, seen=seen, given=given, clock=clock, timeout=timeout, within=within
                 )
             except VrError as error:
@@ -686,13 +683,11 @@ class ChildKeeper:
 
     async def step(self, within: float) -> str:
         """Let one step of one of those below pass; returns which, in words, empty: none waits."""
-        for bond in self._with_steps():
+        pages = [bond for bond in self._bonds().values() if VirtualRobot.__name__ in bond.description.kinds]
+        for bond in pages:
             with contextlib.suppress(NothingHeld, NotPaused):
-                return await self._client(bond).step(epoch=bond.lease.epoch, within=within)
+                return await self._client(bond.child).step(epoch=bond.lease.epoch, within=within)
         return ""
-
-    def _with_steps(self) -> list[Bond]:
-        return [bond for bond in self._bonds().values() if VirtualRobot.__name__ in bond.description.kinds]
 
 
 def _renewal(epoch: int, life: int, heir: str, child: str, proves: bool, parent: RobotState) -> Renew:  # noqa: FBT001
@@ -711,7 +706,3 @@ def _renewal(epoch: int, life: int, heir: str, child: str, proves: bool, parent:
 
 def _nobody() -> None:
     """Nobody wants to know."""
-
-
-def _now() -> float:
-    return asyncio.get_running_loop().time()

@@ -17,7 +17,7 @@ import msgspec
 from msgspec.structs import replace
 
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.agents.shared import Beside
+from robotree.vr.agents.shared import Beside, loop_now
 from robotree.vr.agents.unfit import unfit_reasons
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, everyone, parted
@@ -733,8 +733,8 @@ class Departure:
 
     async def _order_told(self) -> None:
         """Wait a moment while it tells of an order that is done, or is about to begin one."""
-        until = self._now() + STAND_WITHIN
-        while self._runtime.takes_order and self._now() < until:
+        until = loop_now() + STAND_WITHIN
+        while self._runtime.takes_order and loop_now() < until:
             if self._runtime.look(lambda state: bool(state.calls.live)):
                 return
             await asyncio.sleep(0.01)
@@ -782,7 +782,7 @@ class Departure:
         for effect in effects:
             match effect:
                 case of.Freeze():
-                    self._frozen_at = self._now()
+                    self._frozen_at = loop_now()
                     self._runtime.freeze()
                     self._start(self._stand())
                 case of.WriteOut():
@@ -820,16 +820,13 @@ class Departure:
         else:
             self._do(self._source.handle(of.Refused(reason=str(error))))
 
-    def _now(self) -> float:
-        return asyncio.get_running_loop().time()
-
     async def _stand(self) -> None:
         """Wait until all code of the robot waits, and take nothing more from then on."""
-        until = self._now() + STAND_WITHIN
+        until = loop_now() + STAND_WITHIN
         while not self._runtime.close():
             if self._source.phase != "freezing":
                 return
-            if self._now() >= until:
+            if loop_now() >= until:
                 reason = f"its code has not come to a wait for {STAND_WITHIN:g} s"
                 self._do(self._source.handle(of.Refused(reason=reason)))
                 return
@@ -862,33 +859,39 @@ class Departure:
             return encode_state(msgspec.structs.replace(state, secret=self._secret))
 
         body, runner = self._runtime.look(parcel), self._runtime.process.runner
-        stop = self._source.stop
+        stopped, order = self._stop
         request = TakeRobot(
             transfer=self.transfer,
             robot=self._agent.address,
             state=body,
             now=runner.now(),
             clock=this_clock(),
-            stopped="" if stop is None else stop.reason,
-            order="" if stop is None else stop.order,
+            stopped=stopped,
+            order=order,
             source=self._moves.name,
             person=self._asker.person,
-            stood=self._now() - self._frozen_at,
+            stood=loop_now() - self._frozen_at,
         )
         await self._hear(self._targets()[:1], request)
 
     async def _ask(self) -> None:
         """Ask what became of it, as long as nobody knows."""
         await asyncio.sleep(ASK_AGAIN)
-        stop = self._source.stop
+        stopped, order = self._stop
         request = AskMove(
             transfer=self.transfer,
             robot=self._agent.address,
             log=self._source.log,
-            stopped="" if stop is None else stop.reason,
-            order="" if stop is None else stop.order,
+            stopped=stopped,
+            order=order,
         )
         await self._hear(self._targets(), request)
+
+    @property
+    def _stop(self) -> tuple[str, str]:
+        """Reason and order of the stop that has come meanwhile; empty: none has."""
+        stop = self._source.stop
+        return ("", "") if stop is None else (stop.reason, stop.order)
 
     async def _hear(self, targets: list[str], request: TakeRobot | AskMove) -> None:
         event: of.SourceEvent = of.NoWord()
@@ -911,7 +914,7 @@ class Departure:
         self._do(self._source.handle(event))
 
     async def _leave(self) -> None:
-        self.paused = self._now() - self._frozen_at if self._frozen_at else 0.0
+        self.paused = loop_now() - self._frozen_at if self._frozen_at else 0.0
         self._journal.gone(self._runtime.key)
         self._journal.barrier()
         self._moves.moment("gone")
@@ -924,8 +927,8 @@ class Departure:
 
     async def _seen_there(self) -> None:
         """Wait until all of this machine know at which site the robot is: until then it would be nowhere."""
-        places, until = Places(self._transport.presence), self._now() + SEEN_WITHIN
-        while not places.site_of(self._runtime.key) and self._now() < until:  # noqa: ASYNC110 # a table, which tells nobody
+        places, until = Places(self._transport.presence), loop_now() + SEEN_WITHIN
+        while not places.site_of(self._runtime.key) and loop_now() < until:  # noqa: ASYNC110 # a table, which tells nobody
             await asyncio.sleep(0.005)
         await self._transport.settle(ANSWERED_WITHIN)
 

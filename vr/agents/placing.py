@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from robotree.vr.agents.agent import RobotAgent
+from robotree.vr.agents.shared import loop_now
 from robotree.vr.agents.unfit import unfit_reasons
 from robotree.vr.agents.ways import Ways
 from robotree.vr.author.virtual_robot import VirtualRobot
@@ -248,7 +249,7 @@ class PlaceFinder:
         there = self._host.placeables()
         robots = {key: placed for key, one in there.items() if (placed := one.placed) is not None}
         self._watches = {key: watch for key, watch in self._watches.items() if key in robots}
-        now = _now()
+        now = loop_now()
         if robots or now - self._surveyed > SURVEY:
             self._surveyed = now
             await asyncio.gather(*map(self.ways.ask, self._other_keys()))
@@ -264,9 +265,9 @@ class PlaceFinder:
         others = await self._others(tuple(sorted(keys)))
         advice: dict[str, PlaceAdvice] = {}
         for key, robot in robots.items():
-            since = _now() if there[key].came else float("-inf")  # long ago, if it was made here
+            since = loop_now() if there[key].came else float("-inf")  # long ago, if it was made here
             watch = self._watches.setdefault(key, PlaceWatch(since))
-            advice[key] = watch.look(robot, here, others, _now())
+            advice[key] = watch.look(robot, here, others, loop_now())
         await self._follow(there, advice, {host.name: host.load.room for host in others})
 
     async def _others(self, keys: tuple[str, ...]) -> list[HostSeen]:
@@ -300,17 +301,13 @@ class PlaceFinder:
         except VrError as error:
             robot.end_move(one, str(error))
             if (watch := self._watches.get(key)) is not None:
-                watch.refused(one.target, _now())
+                watch.refused(one.target, loop_now())
 
 
 def _whole_name(places: Places, host: Address) -> str:
     """Return the name of a host, with its site if that is another one."""
     site = places.site_of(host.key)
     return f"{site}:{host.name}" if site else host.name
-
-
-def _now() -> float:
-    return asyncio.get_running_loop().time()
 
 
 def _family(state: RobotState) -> dict[str, str]:

@@ -23,6 +23,11 @@ PARTS = 10
 """Parts into which a round is divided: actions of many robots are spread over it."""
 
 
+def loop_now() -> float:
+    """Return the time [s] on the clock of the event loop."""
+    return asyncio.get_running_loop().time()
+
+
 class Rounds:
     """Calls many actions again and again, each once in `ROUND`. Lives on the event loop."""
 

@@ -13,6 +13,7 @@ import msgspec
 
 from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
+from robotree.vr.agents.shared import loop_now
 from robotree.vr.base.envelope import same_clock
 from robotree.vr.base.errors import NoAnswer, VrError
 from robotree.vr.base.principal import Principal
@@ -108,17 +109,17 @@ class Stops:
             NotConfirmed: not everything is released.
             LeaseError: the asker may not command the robot.
         """
-        runtime, name, began = self._runtime, self._runtime.robot.name, _now()
+        runtime, name, began = self._runtime, self._runtime.robot.name, loop_now()
         budget = self._budget(request.within)
         runtime.expect_to_command(request.epoch, asker, ends=True)
         confirmations, counted = Confirmations("the resume"), self._stops_seen(request)
         if counted == runtime.stops and not await self._hooks.has_stopped(budget.wait / 2):
             confirmations.deny(name, STILL_STOPPING)
         if self._children is not None and counted == runtime.stops and confirmations.complete:
-            await self._children.resume(request, confirmations, budget, waited=_now() - began)
+            await self._children.resume(request, confirmations, budget, waited=loop_now() - began)
             runtime.expect_to_command(request.epoch, asker, ends=True)  # that may have taken time
         allowed = counted == runtime.stops and confirmations.complete
-        doubt = await self._release_own(budget.wait - (_now() - began)) if allowed else ""
+        doubt = await self._release_own(budget.wait - (loop_now() - began)) if allowed else ""
         if counted != runtime.stops:
             confirmations.deny(name, "it was stopped again after that had been asked for")
         elif not confirmations.complete:
@@ -180,7 +181,3 @@ class Stops:
             confirmations.deny(self._runtime.robot.name, f"{offline}{doubt}")
         else:
             confirmations.take(self._runtime.robot.name, ())
-
-
-def _now() -> float:
-    return asyncio.get_running_loop().time()

@@ -12,6 +12,7 @@ import asyncio
 import sys
 from collections.abc import Iterable
 
+from robotree.vr.agents.shared import loop_now
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import NoHostBeside, VrError
 from robotree.vr.base.places import Places
@@ -73,7 +74,7 @@ class Ways:
 
     async def measure(self, keys: Iterable[str]) -> dict[str, float]:
         """Return the ways [s] to agents, by key; who does not answer is missing."""
-        keys, now = list(dict.fromkeys(keys))[:AT_ONCE], _now()
+        keys, now = list(dict.fromkeys(keys))[:AT_ONCE], loop_now()
         stale = [key for key in keys if key not in self._known or now - self._known[key].at > FRESH]
         await asyncio.gather(*map(self.ask, stale))
         return self.round_trips(keys)
@@ -93,7 +94,7 @@ class Ways:
         return await asyncio.shield(self._asking[key])
 
     async def _asked(self, key: str, ways_to: tuple[str, ...]) -> HostDescribed | None:
-        began, host = _now(), key.startswith("host/")
+        began, host = loop_now(), key.startswith("host/")
         question = DescribeHost(ways_to=ways_to) if host else ReadLog(after=_BEYOND)
         within = 2 * ANSWER_WITHIN if ways_to else ANSWER_WITHIN
         try:
@@ -110,17 +111,13 @@ class Ways:
                 self._known.pop(key, None)
             return None
         if not ways_to:
-            self._note(key, _now() - began)
+            self._note(key, loop_now() - began)
         return answer if isinstance(answer, HostDescribed) else None
 
     def _note(self, key: str, sample: float) -> None:
         if key not in self._known and len(self._known) >= MOST:
             del self._known[min(self._known, key=lambda one: self._known[one].at)]
-        self._known.setdefault(key, _Way()).take(sample, _now())
-
-
-def _now() -> float:
-    return asyncio.get_running_loop().time()
+        self._known.setdefault(key, _Way()).take(sample, loop_now())
 
 
 def host_beside(presence: Presence, robot: Address, host: str, home: str) -> str:
