@@ -90,7 +90,7 @@ class TransferUnderWay(LocalProtocolError):
 
     def __init__(self, size: int, position: int) -> None:
         self.size, self.position = size, position
-        sentence = f"{position} of {size} bytes are sent; wait until `busy` is false, or abandon it"
+        sentence = f"{position} of {size} bytes are sent; wait until `busy` is false"
         super().__init__(sentence)
 
 

@@ -213,8 +213,6 @@ class VerifierStatistics(msgspec.Struct):
     """One reading of a verifier's gauges."""
 
     passed: int = 0
-    allowed: int = 0
-    """Unsigned frames that the allow-list let pass."""
     unsigned: int = 0
     """Frames without a signature, MAVLink 1 among them, that were refused."""
     forged: int = 0
@@ -233,11 +231,6 @@ class VerifierStatistics(msgspec.Struct):
     """Those among them that have the very timestamp of the one before."""
 
 
-def nothing_unsigned(frame: Frame) -> bool:  # noqa: ARG001  the strictest allow-list
-    """Let no unsigned frame pass."""
-    return False
-
-
 class Verifier:
     """Decides which frames of one link may pass.
 
@@ -245,19 +238,12 @@ class Verifier:
         key: the link's.
         time: ours, the same for all links.
         streams: the table of all links.
-        allow: which unsigned frames may pass.
     """
 
-    def __init__(
-        self,
-        key: Key,
-        time: SigningTime,
-        streams: StreamTable,
-        allow: Callable[[Frame], bool] = nothing_unsigned,
-    ) -> None:
+    def __init__(self, key: Key, time: SigningTime, streams: StreamTable) -> None:
         self.key = key
         """The key whose signatures pass."""
-        self._begin, self._time, self._allow = key.begin, time, allow
+        self._begin, self._time = key.begin, time
         self._newest = streams.of(key)
         self._gauges = VerifierStatistics()
 
@@ -275,10 +261,8 @@ class Verifier:
         """
         signature = frame.signature
         if not signature:
-            allowed = self._allow(frame)
-            self._gauges.allowed += allowed
-            self._gauges.unsigned += not allowed
-            return allowed
+            self._gauges.unsigned += 1
+            return False
         begin = self._begin
         running = begin()
         running.update(said)

@@ -141,10 +141,6 @@ class Sender:
                 self.due = now + self._separation
         return out
 
-    def abandon(self) -> None:
-        """Forget the transfer under way."""
-        self._end()
-
     def _give_up(self, failure: Failure) -> None:
         self.failed = failure
         self._gauges.failed += 1

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robotree.protocol.messages import CommandAck, CommandCancel, CommandLong, MavResult
-from robotree.protocol.services.command import UNKNOWN_PROGRESS
 from robotree.protocol.services.peer import Send
 
 if TYPE_CHECKING:
@@ -30,14 +29,6 @@ LONGEST_SILENCE = 5.0
 """[s] of silence after which a command in progress is given up, and counts as ended when it was given up."""
 
 
-class CommandProgress(msgspec.Struct, frozen=True):
-    """A command goes on."""
-
-    command: int
-    fraction: float | None
-    """0 to 1; None: unknown."""
-
-
 class CommandDone(msgspec.Struct, frozen=True):
     """The last word on a command; `result` None: nobody answered."""
 
@@ -46,7 +37,7 @@ class CommandDone(msgspec.Struct, frozen=True):
     detail: int = 0
 
 
-CommandClientEffect = Send | CommandProgress | CommandDone
+CommandClientEffect = Send | CommandDone
 
 
 class _Asked(msgspec.Struct):
@@ -56,7 +47,6 @@ class _Asked(msgspec.Struct):
     """[s] The last time."""
     heard: float | None = None
     """[s] The last answer; None: none yet."""
-    cancelled: bool = False
 
 
 class CommandClient:
@@ -88,15 +78,6 @@ class CommandClient:
         queue.append(_Asked(message))
         return self._begin(queue[0], now) if len(queue) == 1 else []
 
-    def cancel(self, command: int, now: float) -> list[CommandClientEffect]:
-        """Cancel a command; its `CommandDone` reports the result."""
-        if not (queue := self._queues.get(command)):
-            return []
-        if not queue[0].attempts:
-            return self._done(queue, CommandDone(command, MavResult.CANCELLED), now)
-        queue[0].cancelled = True
-        return self._ask(queue[0], now)
-
     def receive(self, ack: CommandAck, now: float) -> list[CommandClientEffect]:
         """Take an answer from the component that is addressed to us."""
         queue = self._queues.get(ack.command)
@@ -107,8 +88,7 @@ class CommandClient:
         asked = queue[0]
         asked.heard = now
         if ack.result == MavResult.IN_PROGRESS:
-            known = ack.progress != UNKNOWN_PROGRESS
-            return [CommandProgress(ack.command, min(ack.progress, 100) / 100 if known else None)]
+            return []
         return self._done(queue, CommandDone(ack.command, ack.result, ack.result_param2), now)
 
     @property
@@ -119,7 +99,7 @@ class CommandClient:
             asked = queue[0]
             if asked.heard is not None:
                 due = min(due, asked.heard + LONGEST_SILENCE)
-            if asked.heard is None or asked.cancelled:
+            else:
                 due = min(due, asked.asked + RESEND)
         return due
 
@@ -130,8 +110,8 @@ class CommandClient:
             asked = queue[0]
             if asked.heard is not None and now >= asked.heard + LONGEST_SILENCE:
                 effects += self._give_up(queue, now)
-            elif (asked.heard is None or asked.cancelled) and now >= asked.asked + RESEND:
-                gone = asked.attempts >= ATTEMPTS and asked.heard is None
+            elif asked.heard is None and now >= asked.asked + RESEND:
+                gone = asked.attempts >= ATTEMPTS
                 effects += self._give_up(queue, now) if gone else self._ask(asked, now)
         return effects
 
@@ -145,10 +125,6 @@ class CommandClient:
 
     def _ask(self, asked: _Asked, now: float) -> list[CommandClientEffect]:
         asked.asked = now
-        command = asked.message.command
-        if asked.cancelled:
-            asked.attempts += 1
-            return [Send(CommandCancel(self.system, self.component, command), self.via)]
         message = msgspec.structs.replace(asked.message, confirmation=min(asked.attempts, 255))
         asked.attempts += 1
         return [Send(message, self.via)]

@@ -109,8 +109,6 @@ class GoalClient:
         system: the controller's.
         component: the controller's.
         via: the link to it; may be set anew when the link was.
-        resend: between two repetitions of what was not answered, [s].
-        poll: the silence after which a status is asked for, [s].
         patience: the silence after which a goal counts as out of sight, [s].
     """
 
@@ -120,12 +118,10 @@ class GoalClient:
         component: int,
         *,
         via: Hashable = None,
-        resend: float = RESEND,
-        poll: float = POLL,
         patience: float = LONGEST_SILENCE,
     ) -> None:
         self.system, self.component, self.via = system, component, via
-        self._resend, self._poll, self._patience = resend, poll, patience
+        self._patience = patience
         self.life = 0
         """Of the controller, as reported; 0: not reported."""
         self._pursuits: dict[int, _Pursuit] = {}
@@ -299,8 +295,8 @@ class GoalClient:
         """When a goal is repeated, or asked about, [s]."""
         unanswered = pursuit.cancelled or not pursuit.acknowledged
         if unanswered:
-            return pursuit.asked + (self._poll if pursuit.silent else self._resend)
-        return max(pursuit.asked, pursuit.heard) + self._poll if pursuit.asked > -inf else -inf
+            return pursuit.asked + (POLL if pursuit.silent else RESEND)
+        return max(pursuit.asked, pursuit.heard) + POLL if pursuit.asked > -inf else -inf
 
 
 def _says_nothing(unknown: GoalStatus, pursuit: _Pursuit) -> bool:

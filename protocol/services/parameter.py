@@ -47,7 +47,6 @@ class Parameter(msgspec.Struct, frozen=True, kw_only=True):
     value: float
     lower: float = float("-inf")
     upper: float = float("inf")
-    read_only: bool = False
     text: str = ""
     """The meaning of the parameter, with its unit."""
 
@@ -150,8 +149,6 @@ class ParameterServer:
         """Why a parameter cannot be set so; None: it can."""
         if not self._may_set(peer):
             return MavParamError.PERMISSION_DENIED
-        if parameter.read_only:
-            return MavParamError.READ_ONLY
         if wish.param_type != MavParamType.REAL32:
             return MavParamError.TYPE_MISMATCH
         lower, upper = _on_the_wire(parameter.lower), _on_the_wire(parameter.upper)

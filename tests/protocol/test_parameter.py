@@ -36,7 +36,6 @@ def server() -> ParameterServer:
         [
             Parameter(name="ADM_MASS", value=2.5, lower=0.1, upper=10.0, text="Virtual mass [kg]."),
             Parameter(name="EXACTLY_SIXTEEN_", value=0.1, lower=0.1, upper=0.3),
-            Parameter(name="SERIAL", value=7.0, read_only=True),
         ],
         may_set=lambda peer: peer == PEER,
     )
@@ -54,7 +53,7 @@ def _set(name: str, value: float, kind: int = MavParamType.REAL32) -> ParamSet:
 
 def test_a_parameter_is_told_by_name_and_by_index(server: ParameterServer) -> None:
     by_name = server.receive(ParamRequestRead(1, 1, "ADM_MASS", -1), PEER, 0.0)
-    assert _one(by_name) == ParamValue("ADM_MASS", 2.5, MavParamType.REAL32, 3, 0)
+    assert _one(by_name) == ParamValue("ADM_MASS", 2.5, MavParamType.REAL32, 2, 0)
     assert server.receive(ParamRequestRead(1, 1, "", 0), PEER, 0.0) == by_name
     long = _one(server.receive(ParamRequestRead(1, 1, "EXACTLY_SIXTEEN_", -1), OTHER, 0.0))
     assert isinstance(long, ParamValue)
@@ -65,7 +64,7 @@ def test_a_parameter_is_told_by_name_and_by_index(server: ParameterServer) -> No
 def test_a_set_parameter_is_told_again(server: ParameterServer) -> None:
     changed, told = server.receive(_set("ADM_MASS", 4.0), PEER, 0.0)
     assert changed == Changed("ADM_MASS", 4.0)
-    assert told == Send(ParamValue("ADM_MASS", 4.0, MavParamType.REAL32, 3, 0), "link 1")
+    assert told == Send(ParamValue("ADM_MASS", 4.0, MavParamType.REAL32, 2, 0), "link 1")
     assert server["ADM_MASS"] == 4.0
 
 
@@ -73,7 +72,6 @@ def test_a_set_parameter_is_told_again(server: ParameterServer) -> None:
     ("message", "peer", "error"),
     [
         (_set("NOBODY", 1.0), PEER, MavParamError.DOES_NOT_EXIST),
-        (_set("SERIAL", 1.0), PEER, MavParamError.READ_ONLY),
         (_set("ADM_MASS", 10.01), PEER, MavParamError.VALUE_OUT_OF_RANGE),
         (_set("ADM_MASS", -1.0), PEER, MavParamError.VALUE_OUT_OF_RANGE),
         (_set("ADM_MASS", math.nan), PEER, MavParamError.VALUE_OUT_OF_RANGE),
@@ -112,8 +110,8 @@ def test_a_list_is_sent_at_its_pace_to_whoever_asked(server: ParameterServer) ->
     assert server.receive(ParamRequestList(1, 1), OTHER, PACE * 0.95) == []
     sends = [*effects, *(each for i in range(1, 10) for each in server.tick(PACE * i))]
     told = [(each.via, each.message.param_index) for each in sends if isinstance(each.message, ParamValue)]  # type: ignore[union-attr]  # all are Sends
-    assert [index for via, index in told if via == "link 1"] == [0, 1, 2]
-    assert [index for via, index in told if via == "link 2"] == [0, 1, 2]
+    assert [index for via, index in told if via == "link 1"] == [0, 1]
+    assert [index for via, index in told if via == "link 2"] == [0, 1]
     assert server.tick(9.0) == []
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
+from math import inf
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from robotree.protocol.links.rejection import rejection
-from robotree.protocol.messages import Timesync, Untyped
+from robotree.protocol.messages import Heartbeat, Timesync, Untyped
 from robotree.protocol.parser import Parser
-from robotree.protocol.services.heartbeat import MAX_PEERS, HeartbeatMonitor
+from robotree.protocol.services.heartbeat import SILENCE
 from robotree.protocol.services.timesync import Synchroniser
 from robotree.protocol.tools.capture.records import plain_fields
 
@@ -18,9 +19,8 @@ if TYPE_CHECKING:
     from typing import Any
 
     from robotree.protocol.frame import Frame
-    from robotree.protocol.messages import AnyMessage, Heartbeat
+    from robotree.protocol.messages import AnyMessage
     from robotree.protocol.parser import ParserStatistics
-    from robotree.protocol.services.peer import Peer
     from robotree.protocol.signing import Verifier
 
 WINDOW = 2.0
@@ -30,6 +30,8 @@ _MOST_ARRIVALS = 4096
 _NAMED = ("NAMED_VALUE_", "DEBUG_VECT", "DEBUG_FLOAT_ARRAY")
 MAX_ENTRIES = 1024
 """Messages that are told apart, by speaker and name."""
+MAX_PEERS = 1024
+"""Peers that are remembered; a forged stream must not fill the memory."""
 
 
 class Rate:
@@ -125,34 +127,41 @@ class PeerTable:
     """Keeps the list of one link."""
 
     def __init__(self) -> None:
-        self._monitor = HeartbeatMonitor()
-        self._gone: dict[Peer, tuple[Heartbeat, float]] = {}
-        """The peers that have gone: the last heartbeat, and the time of the last sign of life, [s]."""
+        self._peers: dict[tuple[int, int], tuple[Heartbeat, float]] = {}
+        """By system and component: the last heartbeat, and the time of the last sign of life, [s]."""
 
     def receive(self, frame: Frame, now: float) -> None:
-        """Note a sign of life."""
-        for found in self._monitor.receive(frame, None, now):
-            self._gone.pop(found.peer, None)
+        """Note a sign of life; who is not there is introduced by a heartbeat alone."""
+        peer, message = (frame.system, frame.component), frame.message
+        beat, heard = self._peers.get(peer, (None, -inf))
+        if isinstance(message, Heartbeat):
+            beat = message
+        elif now - heard >= SILENCE:
+            return
+        if beat is not None and (peer in self._peers or self._has_room(now)):
+            self._peers[peer] = beat, now
+
+    def _has_room(self, now: float) -> bool:
+        """Whether another peer can have a place: one that has gone loses its own."""
+        if len(self._peers) >= MAX_PEERS:
+            gone = next((peer for peer, (_, heard) in self._peers.items() if now - heard >= SILENCE), None)
+            if gone is None:
+                return False
+            del self._peers[gone]
+        return True
 
     def reading(self, now: float) -> list[PeerReading]:
-        """Everyone who was ever there, by their ids; of those who left the last `MAX_PEERS`."""
-        before = self._monitor.peers
-        for lost in self._monitor.tick(now):
-            if len(self._gone) >= MAX_PEERS:
-                del self._gone[next(iter(self._gone))]
-            self._gone[lost.peer] = before[lost.peer], now - lost.silence
-        here = {peer: (beat, self._monitor.heard(peer) or now) for peer, beat in self._monitor.peers.items()}
-        peers = sorted((self._gone | here).items(), key=lambda each: (each[0].system, each[0].component))
+        """Everyone who was ever there, by their ids; at most `MAX_PEERS`."""
         return [
             PeerReading(
-                sysid=peer.system,
-                compid=peer.component,
+                sysid=system,
+                compid=component,
                 type=beat.type,
                 state=beat.system_status,
                 age=now - heard,
-                there=peer in here,
+                there=now - heard < SILENCE,
             )
-            for peer, (beat, heard) in peers
+            for (system, component), (beat, heard) in sorted(self._peers.items())
         ]
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from robotree.protocol import encode
 from robotree.protocol.messages import AnyMessage, Heartbeat, MavState, MavType, Timesync
-from robotree.protocol.services.heartbeat import MAX_PEERS, SILENCE
-from robotree.protocol.tools.capture.gauges import LinkGauge, PeerReading
+from robotree.protocol.services.heartbeat import SILENCE
+from robotree.protocol.tools.capture.gauges import MAX_PEERS, LinkGauge, PeerReading
 
 ROVER = Heartbeat(MavType.GROUND_ROVER, 0, 0, 0, MavState.ACTIVE)
 
