@@ -28,6 +28,7 @@ from robotree.sim.firmware.device import (
     or_now,
     pursuing,
     require,
+    speed_or,
     way_along,
 )
 from robotree.sim.motion.follower import Follower
@@ -178,8 +179,7 @@ class Arm(Device):
         start = self._follower.reference
         goal = np.array([or_now(*each) for each in zip(AXES, args, start.pose.tolist(), strict=False)])
         tuning = self.tuning
-        speed = or_now("speed", args[4], min(tuning.speed, tuning.top_speed))
-        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
+        speed = speed_or(args[4], tuning.speed, SLOWEST, tuning.top_speed)
         return self._planner.plan(start, np.array(self._ports.q), goal, speed, tuning.acceleration)
 
     def _go_to(self, args: tuple[float, ...]) -> Start:

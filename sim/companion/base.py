@@ -25,7 +25,7 @@ from robotree.sim.companion.tuning import (
     BaseTuning,
 )
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.device import Device, Plan, Progress, Start, ended, or_now, require
+from robotree.sim.firmware.device import Device, Plan, Progress, Start, ended, or_now, require, speed_or
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
 from robotree.sim.motion.path import Limits, Line
 from robotree.sim.physics.vectors import Vector
@@ -248,9 +248,7 @@ class Base(Device):
     def _speed(self, asked: float) -> float:
         self._body.must_have_power()
         tuning = self.tuning
-        speed = or_now("speed", asked, min(tuning.speed, tuning.top_speed))
-        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
-        return speed
+        return speed_or(asked, tuning.speed, SLOWEST, tuning.top_speed)
 
     def _floor(self) -> Floor:
         if (objection := self._body.tipping(None)) is not None:

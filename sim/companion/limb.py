@@ -20,7 +20,7 @@ from robotree.sim.companion.planner import Goal
 from robotree.sim.companion.tuning import HAND_ACCELERATION, LIMB_PARAMETERS, SLOWEST, LimbTuning
 from robotree.sim.companion.ways import Way
 from robotree.sim.errors import BadArgument
-from robotree.sim.firmware.device import Device, Plan, Start, ended, or_now, require
+from robotree.sim.firmware.device import Device, Plan, Start, ended, or_now, speed_or
 from robotree.sim.motion.follower import LEASH_SLACK, Follower
 from robotree.sim.physics.vectors import Vector
 
@@ -189,9 +189,7 @@ class Limb(Device):
 
     def _speed(self, asked: float) -> float:
         tuning = self.tuning
-        speed = or_now("speed", asked, min(tuning.speed, tuning.top_speed))
-        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
-        return speed
+        return speed_or(asked, tuning.speed, SLOWEST, tuning.top_speed)
 
     def _beginning(self, way: Way) -> Start:
         def begin() -> None:

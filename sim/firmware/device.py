@@ -75,6 +75,17 @@ def or_now(name: str, value: float, now: float) -> float:
     return now if isnan(value) else value
 
 
+def speed_or(asked: float, usual: float, slowest: float, top: float) -> float:
+    """The speed (m/s) that a goal asked for, or the usual one, which is never above the `top`.
+
+    Raises:
+        BadArgument: it is outside `slowest`...`top`.
+    """
+    speed = or_now("speed", asked, min(usual, top))
+    require("speed", speed, slowest, top, "m/s")
+    return speed
+
+
 @dataclass(frozen=True, slots=True)
 class Tunable:
     """One number that can be tuned.

@@ -19,7 +19,7 @@ from robotree.sim.firmware.device import (
     ended,
     or_now,
     pursuing,
-    require,
+    speed_or,
     way_along,
 )
 from robotree.sim.motion.follower import Follower
@@ -185,8 +185,7 @@ class Rover(Device):
             OutOfReach: it lies outside the arena.
         """
         tuning = self.tuning
-        speed = or_now("speed", speed, min(tuning.speed, tuning.top_speed))
-        require("speed", speed, SLOWEST, tuning.top_speed, "m/s")
+        speed = speed_or(speed, tuning.speed, SLOWEST, tuning.top_speed)
         if float(np.abs(goal).max()) > ARENA:
             raise OutOfReach(goal.tolist(), f"the floor ends {ARENA} m from its middle")
         limits = Limits((speed, speed), (tuning.acceleration,) * 2, (JERK,) * 2, place=2)
