@@ -29,7 +29,9 @@ async def test_the_help_shows_only_what_is_searched_for_until_escape(realm: Real
         await operator.at(MainPage)
 
 
-async def test_the_help_of_a_panel_begins_with_the_keys_of_the_panel(realm: Realm, operate: Operate) -> None:
+async def test_a_panel_has_its_keys_first_in_the_help_and_another_robot_is_found_in_the_palette(
+    realm: Realm, operate: Operate
+) -> None:
     async with operate(realm.realm_client) as operator:
         await open_panel(operator, "arm-1")
         await operator.press("f1")
@@ -41,11 +43,7 @@ async def test_the_help_of_a_panel_begins_with_the_keys_of_the_panel(realm: Real
             ),
             "its keys come first",
         )
-
-
-async def test_a_robot_is_found_in_the_palette_from_any_page(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await open_panel(operator, "arm-1")
+        await operator.press("escape")
         await operator.at(PanelPage)
         found = [
             one for one in operator.app.get_system_commands(operator.app.screen) if "rover-1" in one.title

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import pytest
 from textual.widgets import OptionList
 
-from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.group import GroupPanel
+from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
 from robotree.vr.base.group import RobotGroup
@@ -99,6 +100,11 @@ async def test_what_concerns_one_robot_is_refused_for_a_group_and_its_name_can_g
         await at_group(operator)
         await operator.press("r")
         await operator.sees("carts is a group: select one of its members")
+        await operator.obey("pause carts")
+        await operator.hears("2 of 2 robots of group carts did not do it: c1: c1 is no virtual robot")
+        await operator.at(Reading)
+        await operator.press("escape")
+        await operator.at(MainPage)
         await operator.press("d")
         await operator.until(lambda: isinstance(operator.app.screen, Confirm), "a question")
         await operator.sees("its robots stay as they are")
@@ -107,14 +113,4 @@ async def test_what_concerns_one_robot_is_refused_for_a_group_and_its_name_can_g
         table = operator.one(RobotTable)
         await operator.until(lambda: "carts" not in table.names, "its line, too")
         assert {"c1", "c2"} <= set(table.names)
-    assert not any(cart.stopped_by for cart in carts)
-
-
-async def test_a_group_that_is_paused_at_the_prompt_says_of_each_member_what_came_of_it(
-    realm: Realm, carts: list[Cart], operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        await at_group(operator)
-        await operator.obey("pause carts")
-        await operator.hears("2 of 2 robots of group carts did not do it: c1: c1 is no virtual robot")
     assert not any(cart.stopped_by for cart in carts)

@@ -8,7 +8,6 @@ from textual.widgets._footer import FooterKey
 
 from robotree.tui.screen.keymap import Keymap, read
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
-from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.key_line import KeyLine
@@ -20,7 +19,9 @@ if TYPE_CHECKING:
 K9S = read('preset = "k9s"\n[keys]\npanel.run = "f5"\nfilter = "f3"\nresume = "f6"', "keys.toml")
 
 
-async def test_d_describes_and_deletes_nobody_with_the_keys_of_k9s(realm: Realm, operate: Operate) -> None:
+async def test_d_describes_and_deletes_nobody_with_the_keys_of_k9s_and_a_form_runs_by_another(
+    realm: Realm, operate: Operate
+) -> None:
     await realm.create("move_to.py", "mover")
     async with operate(realm.realm_client, keymap=K9S) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
@@ -41,6 +42,15 @@ async def test_d_describes_and_deletes_nobody_with_the_keys_of_k9s(realm: Realm,
         await operator.sees("f6 resumes")
         await operator.press("f6")
         await operator.at(Confirm)
+        await operator.press("right", "enter")
+        await operator.until(lambda: operator.app.store.stopped == (), "they are resumed")
+        operator.app.ask_for("panel", Place("arm-1"))
+        await operator.at(PanelPage)
+        await operator.sees("f5 Run")
+        await operator.press(*["down"] * 3, "enter")
+        await operator.sees("f5 runs it, or the button")
+        await operator.press("f5")
+        await operator.sees("done in")
 
 
 async def test_a_changed_key_stays_at_its_place_in_the_footer(realm: Realm, operate: Operate) -> None:
@@ -65,18 +75,3 @@ async def test_a_footer_whose_keys_stay_the_same_is_not_built_anew(realm: Realm,
         with line._context():
             await line.recompose()
         assert list(line.children) == before
-
-
-async def test_a_form_runs_by_its_other_key_and_says_so(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client, keymap=K9S) as operator:
-        await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
-        operator.app.ask_for("panel", Place("arm-1"))
-        await operator.at(PanelPage)
-        await operator.sees("f5 Run")
-        await operator.press(*["down"] * 3, "enter")
-        await operator.sees("f5 runs it, or the button")
-        await operator.press("f5")
-        await operator.sees("done in")
-        await operator.press("escape")
-        await operator.at(MainPage)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import pytest
 from textual.widgets import Button, Input
 
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
@@ -35,23 +34,26 @@ async def go_to(operator: Operator, page: type[Page]) -> None:
     await operator.at(page)
 
 
-@pytest.mark.parametrize("page", [MainPage, PanelPage, TeleopPage, NewPage])
 async def test_a_verb_can_be_typed_on_every_page_and_a_space_in_it_is_no_stop(
-    realm: Realm, operate: Operate, page: type[Page]
+    realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client) as operator:
-        await go_to(operator, page)
-        before = operator.app.screen.focused
-        operator.burst(":show rover-1 , x.c")
-        await operator.until(lambda: operator.one(Input, "#line").value == "show rover-1 , x.c", "the line")
-        await operator.press("ctrl+u")
-        await operator.type("show rover-1")
-        await operator.press("enter")
-        await operator.at(Reading)
-        await operator.sees("A rover of paper.")
-        await operator.press("escape")
-        assert isinstance(await operator.at(page), page)
-        assert operator.app.screen.focused is before, "the focus is where it was"
+        for page in (MainPage, PanelPage, TeleopPage, NewPage):
+            await go_to(operator, page)
+            before = operator.app.screen.focused
+            operator.burst(":show rover-1 , x.c")
+            line = operator.one(Input, "#line")
+            await operator.until(lambda line=line: line.value == "show rover-1 , x.c", "the line")
+            await operator.press("ctrl+u")
+            await operator.type("show rover-1")
+            await operator.press("enter")
+            await operator.at(Reading)
+            await operator.sees("A rover of paper.")
+            await operator.press("escape")
+            assert isinstance(await operator.at(page), page)
+            assert operator.app.screen.focused is before, "the focus is where it was"
+            while operator.app.screen is not operator.app.main:
+                operator.app.pop_screen()
         assert operator.app.store.stop is None, "nothing was stopped"
         assert realm.arm.calls == [], "and nothing was moved"
 
@@ -92,23 +94,22 @@ async def test_what_is_typed_for_the_prompt_at_a_question_answers_nothing_and_st
         assert operator.app.store.stop is None
 
 
-async def test_a_verb_about_the_list_leaves_the_panel_for_it(realm: Realm, operate: Operate) -> None:
+async def test_a_verb_about_the_list_leaves_the_panel_for_it_and_is_recalled_there(
+    realm: Realm, operate: Operate
+) -> None:
     async with operate(realm.realm_client) as operator:
         await go_to(operator, PanelPage)
         operator.burst(":log\r")
         main = await operator.at(MainPage)
         assert main.pane == "log"
-
-
-async def test_lines_typed_on_one_page_can_be_recalled_on_another(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.obey("sort")
         await go_to(operator, PanelPage)
         await operator.press("colon", "up")
-        assert operator.one(Input, "#line").value == "sort"
+        assert operator.one(Input, "#line").value == "log", "a line that was typed on another page"
 
 
-async def test_what_leaves_other_programs_leaves_this_one(realm: Realm, operate: Operate) -> None:
+async def test_what_leaves_other_programs_leaves_this_one_and_of_an_unknown_verb_the_help_is_named(
+    realm: Realm, operate: Operate
+) -> None:
     async with operate(realm.realm_client) as operator:
         operator.app.farewell = "The demo ends."
         await go_to(operator, MainPage)
@@ -118,11 +119,6 @@ async def test_what_leaves_other_programs_leaves_this_one(realm: Realm, operate:
             await operator.sees("The demo ends.")
             await operator.press("escape")
             await operator.at(MainPage)
-
-
-async def test_of_an_unknown_verb_the_screen_names_its_own_help(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await go_to(operator, MainPage)
         operator.app.run_typed("pods")
         await operator.sees("no verb 'pods'; ? shows all keys and verbs")
         operator.app.run_typed("delte arm-1")

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from tui.conftest import Realm
 
 
-async def test_the_question_to_resume_closes_when_somebody_else_has_resumed(
+async def test_the_question_to_resume_closes_when_somebody_else_has_resumed_those_that_it_is_about(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client) as operator:
@@ -31,12 +31,8 @@ async def test_the_question_to_resume_closes_when_somebody_else_has_resumed(
         await operator.obey("resume")
         await operator.at(Confirm)
         await operator.sees("All robots may move again")
-
-
-async def test_the_question_about_one_robot_is_not_answered_by_another(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
+        await operator.press("escape")
+        await operator.at(MainPage)
         await realm.realm_client.stop(None)
         await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
         await operator.obey("resume rover-1")

@@ -14,16 +14,6 @@ if TYPE_CHECKING:
     from tui.conftest import Realm
 
 
-async def test_without_lookup_services_the_lists_are_marked_stale(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("arm-1")
-        realm.network.kill(realm.members["lookup-1"])
-        await operator.sees("STALE: no lookup service is left", "arm-1")
-        await realm.lookup("lookup-2")
-        await operator.sees("a lookup service is back")
-        await operator.until(lambda: "STALE" not in operator.text, "the banner goes")
-
-
 async def test_who_comes_after_the_last_lookup_service_sees_what_ls_lists_marked_stale(
     realm: Realm, operate: Operate
 ) -> None:

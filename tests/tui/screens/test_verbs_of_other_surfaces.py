@@ -13,17 +13,15 @@ if TYPE_CHECKING:
     from tui.conftest import Realm
 
 
-async def test_a_verb_of_the_shell_says_what_to_type_there(realm: Realm, operate: Operate) -> None:
+async def test_a_verb_of_the_shell_says_what_to_type_there_and_a_name_of_nobody_asks_nothing(
+    realm: Realm, operate: Operate
+) -> None:
     async with operate(realm.realm_client) as operator:
         for line in ("run 'my day.session'", "watch arm-1", "wire", "wire ping --connect tcp:127.0.0.1:5760"):
             await operator.obey(line)
             await operator.sees("it is for a shell:")
             told = operator.app.store.entries[-1].text
             assert f"`robotree --realm test {line}`" in told
-
-
-async def test_a_name_that_nobody_has_is_refused_before_a_dialog_asks(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
         for line, says in (
             ("delete nobody", "no robot named 'nobody' is running"),
             ("delete a/b", "'a/b' cannot be a name"),

@@ -30,21 +30,15 @@ async def test_w_tells_who_had_the_selected_robot_move_and_h_what_it_did(
         found = [ARM, ARM] if request.robot and not (request.last or request.key) else [TEAM, ARM]
         return {"host h1": EventsRead(events=tuple(NumberedEvent(*one) for one in enumerate(found, 1)))}
 
-    monkeypatch.setattr(realm.realm_client, "read_events", read_events)
     async with operate(realm.realm_client) as operator:
         await operator.sees("arm-1")
         operator.app.choose("arm-1")
+        await operator.press("W")
+        await operator.sees("nothing is kept of arm-1")
+        monkeypatch.setattr(realm.realm_client, "read_events", read_events)
         await operator.press("W")
         await operator.at(Reading)
         await operator.sees("arm-1.go_to x=0.3", "step 2 of team.fetch, line 12", "asked by anna@pts/3")
         await operator.press("escape", "H")
         await operator.at(Reading)
         await operator.sees("accepted", "go_to x=0.3")
-
-
-async def test_of_a_robot_of_which_nothing_is_kept_the_screen_says_so(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("arm-1")
-        operator.app.choose("arm-1")
-        await operator.press("W")
-        await operator.sees("nothing is kept of arm-1")
