@@ -17,14 +17,13 @@ import ast
 import asyncio
 import logging
 import statistics
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # what counts lines lies beside the tests
 
-from measuring import apart, clocked, count_given, ran
+from measuring import apart, clocked, count_given, imports, ran
 
 from robotree.client.joining import joined
 from robotree.tui.processes.crew import Crew, Member
@@ -55,16 +54,6 @@ def tell(what: str, value: float, unit: str, promised: float, *, at_least: bool 
     print(
         f"{what:<58}{value:8.4g} {unit:<4} {word} {promised:g}: {'kept' if kept else 'NOT kept'}", flush=True
     )
-
-
-def imports(code: str, rounds: int) -> float:
-    """Return the median processor time [s] of an import in a new process, beside Python's own start."""
-    program = f"import time; began = time.process_time(); {code}; print(time.process_time() - began)"
-    took = [
-        float(subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout)
-        for _ in range(rounds)
-    ]
-    return statistics.median(took)
 
 
 def used(members: list[Member]) -> float:

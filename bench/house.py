@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from authoring import imports
+from measuring import imports
 
 from tests.guide.words import words_of_guides
 from tests.wheel import ROOT

@@ -164,6 +164,14 @@ def tell(found: dict[str, float]) -> None:
         print(f"{name:44} {value:12.3f}")
 
 
+def imports(code: str, rounds: int) -> float:
+    """Return the median processor time [s] of an import in a new process, beside Python's own start."""
+    program = f"import time; began = time.process_time(); {code}; print(time.process_time() - began)"
+    line = [sys.executable, "-c", program]
+    took = (subprocess.run(line, capture_output=True, check=True).stdout for _ in range(rounds))
+    return statistics.median(map(float, took))
+
+
 def cpu(pid: int) -> float:
     """Return the processor time of a process so far [s]: utime and stime of proc_pid_stat(5)."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()

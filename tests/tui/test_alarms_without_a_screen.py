@@ -13,32 +13,18 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.tui.line import alarming
-from robotree.tui.line.carrying import Silent
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome
 from robotree.tui.processes.alarm_file import FILE, alarms_of
 from robotree.tui.seen.alarms import Alarm
 from robotree.vr.network.realms import state_home
+from tests.tui.test_verbs import Listener
 from tests.waiting import until
 
 if TYPE_CHECKING:
     from tui.conftest import Realm
 
     from robotree.vr.supervision.realm_client import RealmClient
-
-
-class Heard(Silent):
-    """Keeps what is told."""
-
-    def __init__(self) -> None:
-        self.outcomes: list[Outcome] = []
-        self.warnings: list[str] = []
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def outcome(self, outcome: Outcome) -> None:
-        self.outcomes.append(outcome)
 
 
 @pytest.fixture
@@ -53,7 +39,7 @@ class Hall:
     """See `hall`."""
 
     def __init__(self, client: RealmClient) -> None:
-        self.client, self.heard, self.file = client, Heard(), alarms_of("hall")
+        self.client, self.heard, self.file = client, Listener(), alarms_of("hall")
         self.path = state_home() / "hall" / FILE
 
     def states(self) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
+from typing import NamedTuple
 
 import pytest
 
@@ -13,34 +14,25 @@ LONGEST = 30.0
 """[s] for anything here."""
 
 
-class Echo:
-    """A server that says again what it hears."""
+@pytest.fixture
+async def echo() -> AsyncIterator[int]:
+    """The port of a server that says again what it hears."""
 
-    async def open(self) -> int:
-        self._server = await asyncio.start_server(self._answer, "127.0.0.1", 0)
-        return int(self._server.sockets[0].getsockname()[1])
-
-    async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while chunk := await reader.read(1 << 16):
             writer.write(chunk)
         writer.close()
 
-    def close(self) -> None:
-        self._server.close()
-
-
-@pytest.fixture
-async def echo() -> AsyncIterator[int]:
-    server = Echo()
-    yield await server.open()
+    server = await asyncio.start_server(answer, "127.0.0.1", 0)
+    yield int(server.sockets[0].getsockname()[1])
     server.close()
 
 
-class Dialed:
+class Dialed(NamedTuple):
     """One end of a line."""
 
-    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.reader, self.writer = reader, writer
+    reader: asyncio.StreamReader
+    writer: asyncio.StreamWriter
 
     async def trip(self, body: bytes) -> float:
         """Say something and hear it again; returns how long it took [s]."""
