@@ -198,19 +198,26 @@ async def host(line: Line, realm: str, ready: Ready) -> None:
 def _check_standing_by(line: Line, after: float) -> None:
     """Refuse what a stand-by host, or one with a journal elsewhere, cannot be told."""
     from robotree.vr.agents.standby import SHORTEST_AFTER
-    from robotree.vr.space.run import POSTGRES
 
-    name, of, url = line.text("NAME"), line.text("--standby-for"), line.text("--journal")
+    name, of, url = line.text("NAME"), line.text("--standby-for"), _database(line, "--journal")
     if after < SHORTEST_AFTER:
         raise ValueRefused(
             "TIME", f"{after:g} s is too short to know that a host is away; write 2.5s or more"
         )
     if of == name:
         raise ValueRefused("HOST", f"{name} cannot stand by for itself; write the name of another host")
-    if url and not url.startswith(POSTGRES):
-        raise ValueRefused("URL", f"{url!r} is no database; write postgresql://HOST/DATABASE")
     if url and (line.text("--only") or line.flag("--forget")):
         raise ValueRefused("URL", "a host with --only or --forget keeps nothing; leave --journal out")
+
+
+def _database(line: Line, option: str) -> str:
+    """Return the database that an option names; empty: none."""
+    from robotree.vr.space.run import POSTGRES
+
+    url = line.text(option)
+    if url and not url.startswith(POSTGRES):
+        raise ValueRefused("URL", f"{url!r} is no database; write postgresql://HOST/DATABASE")
+    return url
 
 
 @agent
@@ -225,15 +232,12 @@ async def lookup(line: Line, realm: str, ready: Ready) -> None:
 async def directory(line: Line, realm: str, ready: Ready) -> None:
     """Be a lookup service with a memory."""
     from robotree.vr.orders.run import run_directory
-    from robotree.vr.space.run import POSTGRES
 
     name = line.text("NAME")
     folder = directory_folder(realm, name)
     if folder is None:
         raise NoPlaceForState
-    url = line.text("--store")
-    if url and not url.startswith(POSTGRES):
-        raise ValueRefused("URL", f"{url!r} is no database; write postgresql://HOST/DATABASE")
+    url = _database(line, "--store")
     await run_directory(name, folder, realm=realm, site=site_of(realm), database=url, ready=ready)
 
 
