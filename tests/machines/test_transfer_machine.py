@@ -87,6 +87,16 @@ class Transfers(RuleBasedStateMachine):
         if stops:
             self.do(name, host.leaving.handle(of.StopCame(reason="test")))
 
+    @rule(name=st.sampled_from(HOSTS))
+    def send(self, name: str) -> None:
+        """Nothing is in the way until the robot is on its way."""
+        before = len(self.sent)
+        self.begin(name, stops=False)
+        while len(self.sent) > before:
+            self.deliver(self.sent.pop())
+        self.go_on_leaving(name)
+        self.go_on_leaving(name)
+
     @precondition(lambda self: self.sent)
     @rule(data=st.data(), keep=st.booleans())
     def arrive(self, data: st.DataObject, *, keep: bool) -> None:

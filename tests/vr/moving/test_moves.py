@@ -271,6 +271,35 @@ def test_a_stop_passes_a_robot_in_doubt_to_its_children_and_reaches_it_where_it_
     played(tmp_path, story)
 
 
+def test_a_stop_that_comes_to_the_old_host_is_told_with_the_question_for_the_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(moving, "ANSWERED_WITHIN", 0.5)
+
+    async def story(stage: Stage) -> None:
+        call = await touring(stage, 500)
+        moves = stage.homes["h2"].host.moves
+        answer = moves.answer
+
+        async def lost(request: Any, *more: Any) -> Any:
+            reply = await answer(request, *more)
+            if isinstance(request, TakeRobot):
+                old.on_stop("halt", "order-3")
+                await asyncio.sleep(1.0)
+            return reply
+
+        moves.answer = lost  # type: ignore[method-assign]
+        old = stage.homes["h1"].host.agents["tour"]
+        await stage.migrate("tour", "h2")
+        assert stage.where("tour") == ["h2"]
+        new = stage.homes["h2"].host.agents["tour"].runtime
+        await stage.until(lambda: new.look(lambda state: state.stop.in_force) != "")
+        with pytest.raises(VrError):
+            await call
+
+    played(tmp_path, story)
+
+
 async def held_on_its_way(stage: Stage) -> tuple[asyncio.Future[str], asyncio.Event]:
     """Have the tour set out for h2, which does not take it before it is let to."""
     moves, late = stage.homes["h2"].host.moves, asyncio.Event()
