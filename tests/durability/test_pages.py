@@ -166,7 +166,9 @@ async def test_a_thread_of_the_pages_own_leaves_the_command_in_doubt(stage: Stag
 
 
 @pytest.mark.e2e
-async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_robots(stage: Stage) -> None:
+async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_robots_and_their_pages(
+    stage: Stage,
+) -> None:
     host = stage.host()
     await stage.furnish(host)
     call = asyncio.ensure_future(stage.realm_client.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
@@ -181,6 +183,15 @@ async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_rob
     stage.effects_file.write_text("")
     assert await stage.realm_client.call("tourist", "pairs", {"steps": 2}) == [0, 2]
     stage.expect_once(0, 1)
+    other = stage.folder / "other.py"
+    other.write_text(PAGES.read_text().replace("steps: int, pause", "steps: int = 4, pause"))
+    await stage.realm_client.reload("tourist", str(other), "Tourist")
+    other.unlink()
+    await host.kill()
+    await host.start()
+    stage.effects_file.write_text("")
+    await stage.realm_client.call("tourist", "tour", {})
+    stage.expect_once(*range(4))
 
 
 @pytest.mark.e2e
@@ -220,19 +231,3 @@ async def test_the_command_of_a_person_who_has_gone_meanwhile_ends(stage: Stage)
     assert len(stage.ended) <= acted + 1, "only the step that was under way may end: nobody waits for more"
     assert stage.twice() == []
     assert "Traceback" not in host.complaints
-
-
-@pytest.mark.e2e
-async def test_a_page_that_was_reloaded_is_the_one_that_comes_back(stage: Stage) -> None:
-    host = stage.host()
-    await stage.furnish(host)
-    await stage.realm_client.call("tourist", "tour", {"steps": 2})
-    other = stage.folder / "other.py"
-    other.write_text(PAGES.read_text().replace("steps: int, pause", "steps: int = 4, pause"))
-    await stage.realm_client.reload("tourist", str(other), "Tourist")
-    other.unlink()
-    await host.kill()
-    await host.start()
-    stage.effects_file.write_text("")
-    assert await stage.realm_client.call("tourist", "tour", {}) == [6.0, 6.0]  # two of them before
-    stage.expect_once(*range(4))
