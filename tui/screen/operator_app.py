@@ -120,7 +120,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.feed = Feed(realm_client, self.store, self.now, alarms_of(realm_client.realm))
         self.selection = Selection()  # the robot that keys are about, whatever page is in front
         self.marks: frozenset[str] = frozenset()  # robots that an action may take together
-        self.past: list[str] = []  # lines that were typed at the prompt (`prompt.Known`)
+        self.past: list[str] = []  # lines that were typed at the prompt, on whatever page
         self._ordered = False  # whether the terminal leaves the order of letters to us
         self.looks = Choices()  # what was chosen last of how the screen looks
         self.own_themes: tuple[Theme, ...] = ()
@@ -491,7 +491,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.perform(Line(verb, values))
 
     def words(self) -> completion.Words:
-        """Return the names of the moment, for completion (`prompt.Known`)."""
+        """Return the names of the moment, for completion."""
         store = self.store
         return completion.words_of(
             store.descriptions.values(),

@@ -157,18 +157,16 @@ def row(
     name = placement.name
     if placement.group:
         return _group_row(store, placement, now, marked=name in marks)
-    robot, listing, absent = store.described(name), store.robots.get(name), store.absent.get(name)
-    known = robot or listing
-    agent = known or absent
+    known, agent = store.described(name) or store.robots.get(name), store.known_of(name)
     epoch, lease, process = _more(store, name) if wide else ("", "", "")
     return RobotRow(
         placement,
         kind=wording.kind(agent.kind, agent.attributes) if agent else "",
         status=store.status(name, now),
-        state=store.doing(name, now) if known or absent else "does not answer",
+        state=store.doing(name, now) if agent else "does not answer",
         place=store.place(name, now),
         by=store.by(name),
-        host=known.host if known else absent.host if absent else "",
+        host=agent.host if agent else "",
         about=wording.summary(known.doc) if known else "",
         fresh=store.came(name, now),
         old=store.old(name, now),
@@ -281,7 +279,7 @@ def _site(store: Store, name: str, _now: float) -> str:
 def _kind(store: Store, name: str, _now: float) -> str:
     if store.group(name):
         return "groups"
-    known = store.described(name) or store.robots.get(name) or store.absent.get(name)
+    known = store.known_of(name)
     return (known.kind if known else "") or "of unknown kind"
 
 
@@ -382,9 +380,8 @@ def _kinds(store: Store, placement: Placement, _now: float) -> str:
 
 
 def _host(store: Store, placement: Placement, _now: float) -> str:
-    known = store.described(placement.name) or store.robots.get(placement.name)
-    absent = store.absent.get(placement.name)
-    return known.host if known else absent.host if absent else ""
+    known = store.known_of(placement.name)
+    return known.host if known else ""
 
 
 def _about(store: Store, placement: Placement, _now: float) -> str:

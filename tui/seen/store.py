@@ -737,6 +737,10 @@ class Store:
         known = self.descriptions.get(name) or self.remembered.get(name)
         return known or (self.away[name].robot if name in self.away else None)
 
+    def known_of(self, name: str) -> RobotDescription | Listing | Absent | None:
+        """Return what says most of a robot: how it describes itself, its listing, or what is kept of it."""
+        return self.described(name) or self.robots.get(name) or self.absent.get(name)
+
     def is_away(self, name: str) -> bool:
         """Whether a robot is not here, and a directory remembers it."""
         here = (self.descriptions, self.robots, self.absent, self.remembered)

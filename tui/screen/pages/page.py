@@ -50,7 +50,7 @@ class Page(Part, Leaving[None]):
         yield TopBar(classes="topbar")
         yield Banner(classes="banner")
         yield from self.parts()
-        yield Prompt(self.app, id="prompt")
+        yield Prompt(id="prompt")
         yield from self.messages()
         yield KeyLine()
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, Protocol
+from collections.abc import Callable
+from typing import ClassVar, Literal
 
 from rich.text import Text
 from textual import on
@@ -28,28 +29,17 @@ BEFORE = 3
 """Candidates that stay in sight before the one that Tab has come to."""
 
 
-class Known(Protocol):
-    """Where completion takes the names from."""
-
-    past: list[str]
-    """Lines that were typed, on whatever page."""
-
-    def words(self) -> completion.Words:
-        """Return the names of the moment."""
-        ...
-
-
 class VerbSuggester(Suggester):
     """Suggests the rest of a line."""
 
-    def __init__(self, known: Known) -> None:
-        """Take names from `known`."""
+    def __init__(self, words: Callable[[], completion.Words]) -> None:
+        """Take the names of the moment from `words`."""
         super().__init__(use_cache=False, case_sensitive=True)
-        self._known = known
+        self._words = words
 
     async def get_suggestion(self, value: str) -> str | None:
         """Return the line with its last word completed, or None."""
-        return completion.complete(value, self._known.words())
+        return completion.complete(value, self._words())
 
 
 class Prompt(Apart, Part, Vertical):
@@ -85,11 +75,11 @@ class Prompt(Apart, Part, Vertical):
     class Left(Message):
         """The prompt was left."""
 
-    def __init__(self, known: Known, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
-        """Complete from what `known` knows."""
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
+        """Begin closed."""
         super().__init__(id=id)
         self.display = False
-        self._known, self._suggester = known, VerbSuggester(known)
+        self._suggester = VerbSuggester(self.app.words)
         self._read = ""
         """The line for which the candidates were found."""
         self._stem = ""
@@ -117,7 +107,7 @@ class Prompt(Apart, Part, Vertical):
         line.suggester = self._suggester if kind == "verb" else None
         line.value = self.letters if kind == "filter" and not text else text
         line.cursor_position = len(line.value)
-        self._at = len(self._known.past)
+        self._at = len(self.app.past)
         self._offer(line.value)
         self.display = line.can_focus = True
         line.focus()
@@ -132,7 +122,7 @@ class Prompt(Apart, Part, Vertical):
             self._filter(event.value)
         self._close()
         if self.kind == "verb" and text:
-            past = self._known.past
+            past = self.app.past
             past[:] = [*[one for one in past if one != text], text][-REMEMBERED:]
             self.post_message(self.Entered(text))
 
@@ -157,7 +147,7 @@ class Prompt(Apart, Part, Vertical):
 
     def action_recall(self, by: int) -> None:
         """Bring back an earlier line."""
-        past = self._known.past
+        past = self.app.past
         if self.kind == "verb" and past:
             self._at = min(max(self._at + by, 0), len(past))
             line = self.query_one(Input)
@@ -169,7 +159,7 @@ class Prompt(Apart, Part, Vertical):
         line = self.query_one(Input)
         if line.value != self._read:
             self._offer(line.value)
-        whole = completion.complete(line.value, self._known.words()) if self._taken == NONE_YET else None
+        whole = completion.complete(line.value, self.app.words()) if self._taken == NONE_YET else None
         if self.kind != "verb" or not (whole or self._offered):
             return
         if whole:
@@ -186,7 +176,7 @@ class Prompt(Apart, Part, Vertical):
         """Show what the last word may become."""
         self._read = text
         self._stem = text[: text.rfind(" ") + 1]
-        self._offered = completion.candidates(text, self._known.words()) if self.kind == "verb" else ()
+        self._offered = completion.candidates(text, self.app.words()) if self.kind == "verb" else ()
         self._taken = NONE_YET
         self._draw_candidates()
 
