@@ -97,3 +97,17 @@ async def test_of_those_who_come_at_once_exactly_one_stays(lag: float, order: tu
     await asyncio.gather(*coming)
     assert [type(result) for result in results].count(Address) == 1
     assert [type(result) for result in results].count(DuplicateName) == 2
+
+
+@in_virtual_time
+async def test_of_two_who_wait_for_a_holder_to_leave_exactly_one_stays() -> None:
+    """Both see it go at the same moment, and neither sees the other before it has announced itself."""
+    network = MemoryNetwork(delay=0.04)
+    holder, *waiting = (network.join() for _ in range(3))
+    held = await claim(holder, Address("robot", "arm", "0"))
+    asyncio.get_running_loop().call_later(0.02, lambda: asyncio.ensure_future(held.close()))
+    await asyncio.sleep(0.05)
+    coming = [claim(member, Address("robot", "arm", str(number))) for number, member in enumerate(waiting, 1)]
+    one, other = await asyncio.gather(*coming, return_exceptions=True)
+    assert not isinstance(one, BaseException), "the smaller address"
+    assert isinstance(other, DuplicateName)
