@@ -23,7 +23,7 @@ WITH_LONG_SILENCE = {"claim-term", "silence"}
 SEVERAL = Path(__file__).with_name("several.js")
 AT_ONCE = 5
 """Rules that are tried at the same time: most only wait, and a controller takes 3 % of a core."""
-TOGETHER = 6
+TOGETHER = 3
 """Rules whose mutants one process runs: it takes longer to start than they do."""
 
 
