@@ -64,4 +64,4 @@ async def test_a_person_changes_the_colours_by_key_and_by_name(realm: Realm, ope
         await operator.press("enter")
         await operator.sees("no theme 'neon'")
         assert app.store.entries[-1].text.endswith("robotree/themes/NAME.toml, read at the start")
-        assert app.looks.get("theme") == "desk"
+        assert app.looks.get("theme", "") == "desk"
