@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec.structs import replace
@@ -30,6 +30,23 @@ async def test_lists_states_tree_and_hosts_come_by_themselves(realm: Realm) -> N
     await until(lambda: store.lineage("arm-1") == ("arm-1", "mover"), "the tree")
     await until(lambda: "arm-1" not in store.robots, "it is enslaved")
     await feed.close()
+    await feed.close()
+
+
+async def test_who_comes_while_the_feed_begins_is_listed(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, watch_log = Store(), realm.realm_client.watch_log
+
+    async def slow(*watched: Any) -> object:
+        await realm.create("move_to.py", "mover")
+        await until(lambda: "mover" in {robot.name for robot in realm.realm_client.robots()}, "it is known")
+        return await watch_log(*watched)
+
+    monkeypatch.setattr(realm.realm_client, "watch_log", slow)
+    feed = Feed(realm.realm_client, store, time.monotonic)
+    await feed.open()
+    assert "mover" in store.robots
     await feed.close()
 
 

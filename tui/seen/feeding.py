@@ -92,12 +92,12 @@ class Feed:
         """Begin to feed: what lookup services list at once, the rest as it comes."""
         client, at_end = self.realm_client, self._open.push_async_callback
         self._take_lists()
+        self._open.callback(client.on_change(self._take_lists))
         at_end((await client.watch_state(None, self._take_state)).close)
         at_end((await client.watch_log(None, self._take_lines)).close)
         at_end((await client.orders.on_change(lambda _: self._hint.set())).close)
         for work in (self._keep_looking, self._keep_glancing, self._keep_asking_where):
             at_end(_ended, asyncio.create_task(work(), name=f"feed: {work.__name__}"))
-        self._open.callback(client.on_change(self._take_lists))
 
     async def close(self) -> None:
         """End. Twice is once."""
