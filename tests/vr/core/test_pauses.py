@@ -11,6 +11,7 @@ import pytest
 from robotree.vr import Child, CommandCancelled, DeadlineExceeded, Robot, Unit, VirtualRobot, command
 from robotree.vr.base.errors import NothingHeld, NotInControl, NotPaused, NotVirtual
 from robotree.vr.core import events as on
+from robotree.vr.core.pause import PauseState
 
 
 class Arm(Robot):
@@ -310,6 +311,15 @@ async def test_a_child_that_comes_to_a_paused_parent_is_paused(homes: Any, paint
     await homes.client(studio).pause()
     await homes.client(studio).enslave("painter", painter.address)
     await until_paused(homes, painter)
+
+
+def test_the_pause_of_a_child_from_before_its_bond_ends_with_a_continue_of_its_parent() -> None:
+    pause = PauseState()
+    pause.begin("Ann")
+    assert not pause.hear("", 3), "its parent is not paused, and was not since they are bound"
+    assert pause.in_force == "Ann"
+    assert pause.hear("", 4)
+    assert not pause.in_force
 
 
 async def test_a_child_that_did_not_hear_of_a_pause_hears_of_it_by_the_next_renewal(

@@ -221,6 +221,18 @@ async def test_a_cancel_ends_a_take_and_takes_nothing(realm: Any) -> None:
 
 
 @pytest.mark.usefixtures("space")
+async def test_a_robot_that_dies_while_it_waits_takes_nothing(realm: Any) -> None:
+    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
+    taking = asyncio.create_task(call(realm, other, "fetch", within=50))
+    await asyncio.sleep(1)
+    realm.kill(other)
+    with pytest.raises(VrError):
+        await taking
+    await call(realm, one, "put", place="hall")
+    assert await call(realm, one, "look") == ["Delivery hall"]
+
+
+@pytest.mark.usefixtures("space")
 async def test_a_transaction_is_all_or_nothing(realm: Any) -> None:
     one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
     await call(realm, one, "put", place="hall")

@@ -112,6 +112,11 @@ async def test_a_deleted_robot_is_gone_and_its_name_is_free(realm: Realm) -> Non
     assert (await realm.client().describe()).robots == ()
 
 
+async def test_two_hosts_have_no_name_in_common(realm: Realm) -> None:
+    with pytest.raises(DuplicateName, match="a host named 'host-1'"):
+        await realm.add("host-1")
+
+
 @pytest.mark.parametrize("hosts", [(0, 0), (0, 1)])
 async def test_of_two_made_at_once_under_one_name_one_stays(realm: Realm, hosts: tuple[int, int]) -> None:
     making = [realm.client(number).create(Bundle(ADDER, "adder.py"), "sum") for number in hosts]

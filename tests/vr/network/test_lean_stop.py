@@ -71,6 +71,21 @@ def test_a_line_that_it_understands_means_the_same_to_the_full_parser(words: lis
     assert lean.everywhere == line.flag("--everywhere")
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "stop",
+        "stop arm-1",
+        "--json stop --readonly --calm",
+        "stop --realm lab",
+        "--realm=lab stop",
+        "stop --everywhere",
+    ],
+)
+def test_the_usual_lines_are_understood(line: str) -> None:
+    assert understood(line.split()) is not None
+
+
 def test_it_loads_no_library_and_nothing_else_of_robotree() -> None:
     code = (
         "import sys; before = set(sys.modules); import robotree.tui.__main__, robotree.vr.network.lean_stop; "

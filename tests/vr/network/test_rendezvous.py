@@ -451,6 +451,21 @@ def test_two_that_found_a_realm_at_once_in_two_folders_are_in_one_realm(
         mesh.close().result(60.0)
 
 
+def test_signs_of_life_are_read_and_files_removed_in_either_folder(
+    usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = founded_at_once(usual, monkeypatch)
+    doors = [place.register() for place in places]
+    newcomer = Rendezvous("test", listed=False)
+    for place, door in zip(places, doors, strict=True):
+        beat = newcomer.beat_of(place.tag)
+        assert beat is not None
+        beat.close()
+        door.close()
+        newcomer.forget(place.tag)
+        assert place.tag not in newcomer.others()
+
+
 def test_the_other_folder_is_no_place_to_meet_if_somebody_else_can_enter_it(
     usual: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
