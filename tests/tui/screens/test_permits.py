@@ -21,6 +21,7 @@ from robotree.tui.screen.pages.permits import PermitDialog, PermitsPage
 from robotree.tui.screen.pages.user import UserPage
 from robotree.tui.screen.user_app import UserApp
 from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.row_list import RowList
 from robotree.vr.base.permit import Permit
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
@@ -89,6 +90,23 @@ async def test_a_person_sees_that_an_assistant_asks_and_answers_in_a_dialog(
         await operator.press("escape")
         await operator.at(MainPage)
         await operator.until(lambda: "permit waits" not in operator.text, "none waits")
+
+
+async def test_a_choice_whose_permit_has_gone_asks_about_no_other_one(
+    realm: Realm, operate: Operate, permits: PermitFiles
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        permits.ask(asked("aaaaaaaa"))
+        permits.ask(asked("bbbbbbbb", 0.7))
+        await operator.sees("2 permits wait: P")
+        await operator.press("P")
+        page = await operator.at(PermitsPage)
+        permits.answer("aaaaaaaa", yes=False, by="bert@pts/9")
+        page.query_one(RowList).action_select()
+        operator.app.store.take_permits(permits.waiting(), operator.app.now(), "")
+        page._look()
+        await operator.settled()
+        await operator.at(PermitsPage)
 
 
 async def test_who_may_not_command_the_robot_cannot_say_yes(

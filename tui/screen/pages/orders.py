@@ -83,8 +83,10 @@ class OrdersPage(Modal[None]):
         )
 
     @on(RowList.OptionSelected)
-    def _chosen(self) -> None:
-        order = self._orders[str(self.query_one(RowList).chosen)]
+    def _chosen(self, event: RowList.OptionSelected) -> None:
+        order = self._orders.get(str(event.key))
+        if order is None:
+            return
         answers = [Answer("Let it begin", "confirm")] if order.asks and not order.confirmed_by else []
         answers.append(Answer("Cancel the order", "cancel", "error"))
         if order.over or self.app.readonly:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from rich.text import Text
 from textual import on
@@ -65,8 +65,10 @@ class PermitsPage(Modal[None]):
         )
 
     @on(RowList.OptionSelected)
-    def _chosen(self) -> None:
-        ask_about_permit(self.app, cast("Permit", self.query_one(RowList).chosen))
+    def _chosen(self, event: RowList.OptionSelected) -> None:
+        for permit in self.app.store.permits:
+            if permit == event.key:
+                ask_about_permit(self.app, permit)
 
 
 class PermitDialog(Question):

@@ -117,8 +117,8 @@ class UserPage(PlainPage):
         self.app.ask_for("quit")
 
     @on(RowList.OptionSelected)
-    def _selected(self) -> None:
-        self._open.get(str(self.query_one(RowList).chosen), _nothing)()
+    def _selected(self, event: RowList.OptionSelected) -> None:
+        self._open.get(str(event.key), _nothing)()
 
     # -- the rows ----------------------------------------------------------------------------------
 

@@ -21,6 +21,14 @@ class Row(NamedTuple):
 class RowList(OptionList):
     """See the module."""
 
+    class OptionSelected(OptionList.OptionSelected):
+        """A row was chosen; the rows may be others when it is dealt with."""
+
+        def __init__(self, rows: RowList, option: Option, index: int) -> None:
+            """Keep what the row stands for."""
+            super().__init__(rows, option, index)
+            self.key = rows.rows[index].key
+
     def __init__(self, *, id: str | None = None, compact: bool = False) -> None:  # noqa: A002 # Textual's name
         """Begin without rows; they will be no markup."""
         super().__init__(id=id, markup=False, compact=compact)
