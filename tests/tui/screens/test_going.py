@@ -16,6 +16,7 @@ from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import Outcome
 from robotree.tui.processes.place_files import NamedPlace, places_beside
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
+from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.plan_pane import PlanPane
 from robotree.tui.screen.widgets.plan_view import PlanView
@@ -54,6 +55,21 @@ async def test_the_cursor_of_the_plan_is_where_the_robot_goes(realm: Realm, oper
         await operator.press("enter")
         await operator.until(lambda: realm.arm.calls == ["go_to"], "the arm goes")
         await operator.until(lambda: abs(realm.arm.pose["x"] - point[0]) < 1e-3, "it is there")
+
+
+async def test_what_the_robot_has_said_of_a_point_is_kept_when_it_is_chosen(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        await at_plan(operator)
+        await operator.press("up")
+        foresight, places = operator.app.foresight, list[Place]()
+        await operator.until(lambda: foresight.newest is not None and foresight.newest.answered, "the answer")
+        monkeypatch.setattr(operator.app, "ask_for", lambda _verb, place: places.append(place))
+        await operator.press("enter")
+        await operator.until(lambda: places == [Place("arm-1")], "it is chosen")
+        await operator.settled()
+        assert foresight.newest is not None
 
 
 async def test_what_somebody_else_controls_is_refused_before_anybody_says_go(

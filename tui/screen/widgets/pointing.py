@@ -17,18 +17,21 @@ class Pointing(Part, Widget, can_focus=True):
 
     BINDINGS: ClassVar[list[BindingType]] = bindings("plan")
 
-    class Pointed(Message):
-        """The cursor was moved."""
+    class News(Message):
+        """Something was done with the cursor. Textual runs the handlers of a base, too: this one has none."""
 
         def __init__(self, where: Pointing) -> None:
             """Say in which widget."""
             super().__init__()
             self.where = where
 
-    class Chosen(Pointed):
+    class Pointed(News):
+        """The cursor was moved."""
+
+    class Chosen(News):
         """The point under the cursor was chosen."""
 
-    class Turned(Pointed):
+    class Turned(News):
         """Another robot is wanted."""
 
         def __init__(self, where: Pointing, by: int) -> None:
