@@ -66,6 +66,26 @@ def test_the_controller_tells_a_new_proxy_that_it_was_done() -> None:
     assert road.at_rest() == 2 * LEG
 
 
+def test_a_child_that_gave_up_its_lease_is_asked_when_it_is_back() -> None:
+    road = Road()
+    road.team.crash(at=1, away=14.0)  # longer than the child waits
+    road.team.start("drive", legs=2, within=240.0)
+    road.team.wait(20.0)
+    assert not road.team.describe().asks
+    assert road.at_rest() == 2 * LEG
+
+
+def test_a_child_that_comes_back_no_more_is_not_said_to_have_been_started_again() -> None:
+    road = Road()
+    road.team.crash(at=1, away=75.0)  # longer than its lease can return
+    road.team.start("drive", legs=2, within=240.0)
+    road.team.wait(80.0)
+    asked = road.question()
+    assert "the lease ended; enslave it again" in asked
+    assert "started again" not in asked
+    assert road.at_rest() == LEG
+
+
 def test_a_controller_that_was_started_again_does_not_know_so_a_person_is_asked() -> None:
     road = Road()
     call = road.lost(legs=2)

@@ -104,7 +104,7 @@ def call_child(  # who calls whom, how, and for how long
     if frame.runtime.paused and not (instead or intent or _has_begun(frame, slot, key)):
         frame.hold(key, kind, [slot, command, arguments], of_page=manner != "passed on")
     try:
-        child, epoch = _whom(frame, slot, intent)
+        child, epoch, lost = _whom(frame, slot, intent)
         if frame.runtime.permissions is not None:
             frame.runtime.expect_permitted(slot, command)
         pending = ChildCall(frame, slot, key, child, command, limit, passes_on=manner == "passed on")
@@ -112,22 +112,22 @@ def call_child(  # who calls whom, how, and for how long
         if instead:
             pending.fail(CommandCancelled(robot=child.name, command=command, reason=instead))
         else:
-            pending.begin(epoch, intent)
+            pending.begin(epoch, intent, lost)
     except VrError as error:  # the page has seen it: after a crash it must see the same
         frame.keep_step(key, on.StepResult(kind, content, None, Raised.of(error)))
         raise
     return pending
 
 
-def _whom(frame: Frame, slot: str, intent: Intent | None) -> tuple[Address, int]:
-    """Return the child to call, and the epoch of its lease; 0: it was called before, and is gone."""
+def _whom(frame: Frame, slot: str, intent: Intent | None) -> tuple[Address, int, str]:
+    """Return the child to call, the epoch of its lease, and why it is gone if it was called before."""
     try:
-        return frame.runtime.child_in(slot)
-    except SlotEmpty:
+        return *frame.runtime.child_in(slot), ""
+    except SlotEmpty as error:
         before = None if intent is None else Address.parse(intent.child)
         if before is None:
             raise
-        return before, 0
+        return before, 0, str(error.data["reason"])
 
 
 class ChildCall(Started):
@@ -166,13 +166,13 @@ class ChildCall(Started):
     intent: Intent | None = None
     """To whom it was given, if that is kept."""
     asked_at: str = ""
-    """Key of the child that was asked last."""
+    """Key of the child that was asked last; empty: its lease was lost, so the same one may know."""
     _line: int = 0
     """Of the page at which it is called; 0: not known."""
     _called: str = ""
     """Under which key it was called last."""
     _elsewhere: bool = False
-    """Whether another process than was given it is asked."""
+    """Whether another process than was given it is asked, or the same after its lease was lost."""
     _asking: Frame | None = None
     """The frame that finds out whether it was carried out; None: nobody asks."""
 
@@ -218,12 +218,13 @@ class ChildCall(Started):
         """The command, or the part of it, that has started it."""
         return self.frame.activity
 
-    def begin(self, epoch: int, intent: Intent | None = None) -> None:
+    def begin(self, epoch: int, intent: Intent | None = None, lost: str = "") -> None:
         """Call the child, under the lease of an epoch.
 
         Args:
             epoch: of the lease.
             intent: to whom it was given before a crash; None: to nobody.
+            lost: why that one is gone; it may be back, and know.
 
         Raises:
             VrError: it refuses.
@@ -232,8 +233,8 @@ class ChildCall(Started):
         if self.frame.keeps:
             self._line = page_line(sys._getframe(3))  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # inspect's is slow
         if intent is not None and (intent.child != self.child.key or not epoch):
-            self.asked_at = intent.child
-            detail = f"{self.child.name} was started again meanwhile"
+            self.asked_at = "" if lost else intent.child
+            detail = lost or f"{self.child.name} was started again meanwhile"
             self.fail(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
         else:
             self._call(epoch)
@@ -561,7 +562,7 @@ class ChildCall(Started):
         return cast("doubt.Asker", part)
 
     def ask_elsewhere(self) -> None:
-        """Ask another process of the child whether it was carried out: something remembers that for both."""
+        """Ask the child that is there now whether it was carried out, if something remembers that."""
         self._call_again(0 if self.intent is None else self.intent.attempt, elsewhere=True)
 
     def repeat(self) -> None:

@@ -1,6 +1,7 @@
 """A step of which nobody knows whether it was carried out: who is asked, one after the other.
 
-    the child, in another process of its own, if something remembers commands for it, such as a controller
+    the child, in another process or under another lease, if something remembers commands for it, such as a
+    controller
     `verify` of the page
     the page, if it catches `CommandInDoubt` where it waits: the error is raised there
     a person: `robotree decide NAME done|again|abort`
@@ -94,7 +95,7 @@ class DoubtfulCall(Protocol):
     intent: Intent | None
     """To whom it was given, if that is kept."""
     asked_at: str
-    """Key of the child that was asked last."""
+    """Key of the child that was asked last; empty: its lease was lost, so the same one may know."""
 
     def asking_part(self, worker: Worker) -> Asker:
         """Return the part of its command that finds out."""
@@ -109,7 +110,7 @@ class DoubtfulCall(Protocol):
         ...
 
     def ask_elsewhere(self) -> None:
-        """Ask another process of the child whether it was carried out."""
+        """Ask the child that is there now whether it was carried out."""
         ...
 
 
@@ -162,7 +163,7 @@ def _outcome(call: DoubtfulCall, doubt: Raised, part: Asker) -> Returned | Raise
 
 
 def _is_remembered(call: DoubtfulCall, part: Asker) -> bool:
-    """Wait for another process of the child; whether it can know what an earlier one has begun."""
+    """Wait for a child that has not been asked yet; whether it can know what was begun before."""
     intent, runtime = call.intent, part.runtime
     if intent is None or not intent.witness:
         return False
