@@ -505,8 +505,12 @@ class Host:
             note = MoveNote(key, command, person, f"{text}; {command} goes on" if command else text)
             self._history.take((agent.robot.name, self._process.runner.now(), note, epoch))
 
-    def reserve(self, name: str) -> None:
+    def reserve(self, name: str, *, waits: bool = False) -> None:
         """Give a name to nobody else.
+
+        Args:
+            name: of a robot that comes.
+            waits: for one of this name that is here, which may be just ending; see `expect_free`.
 
         Raises:
             DuplicateName: somebody has it.
@@ -515,7 +519,8 @@ class Host:
         """
         if self._only not in ("", name):
             raise HostReserved(host=self.address.name, robot=self._only)
-        if name in self._coming or name in self.agents or self._apart(name) is not None:
+        here = not waits and (name in self.agents or self._apart(name) is not None)
+        if here or name in self._coming:
             raise DuplicateName(role="robot", name=name)
         if self.has_room() == 0:
             raise HostFull(host=self.address.name, most=self.most)
@@ -562,7 +567,7 @@ class Host:
             BadArgument: a setting cannot have its value, or there is none of this name.
             BundleError: the source cannot be used.
         """
-        self.reserve(check_name(name))
+        self.reserve(check_name(name), waits=True)
         try:
             bundle, clearance = self._admitted(bundle, asker)
             return await self._made(bundle, clearance, name, settings, origin=origin)
@@ -752,7 +757,9 @@ class Host:
         lack = lack_for(level)
         if self.apart is None or lack:
             raise NotIsolated(host=self.address.name, level=level, lack=lack and f": {lack}")
-        self.reserve(name)
+        if name in self.apart.robots:
+            raise DuplicateName(role="robot", name=name)
+        self.reserve(name, waits=True)
         try:
             await expect_free(self._transport, Address("robot", name, ""))
             may, chooses = _reach(bundle, clearance)

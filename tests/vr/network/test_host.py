@@ -117,6 +117,14 @@ async def test_two_hosts_have_no_name_in_common(realm: Realm) -> None:
         await realm.add("host-1")
 
 
+async def test_a_name_whose_robot_is_just_ending_is_waited_for(realm: Realm) -> None:
+    first = await realm.client().create(Bundle(ADDER, "adder.py"), "sum")
+    deleting = asyncio.create_task(RobotClient(realm.operator, first.address).delete())
+    second = await realm.client().create(Bundle(ADDER, "adder.py"), "sum")
+    await deleting
+    assert second.address != first.address
+
+
 @pytest.mark.parametrize("hosts", [(0, 0), (0, 1)])
 async def test_of_two_made_at_once_under_one_name_one_stays(realm: Realm, hosts: tuple[int, int]) -> None:
     making = [realm.client(number).create(Bundle(ADDER, "adder.py"), "sum") for number in hosts]
