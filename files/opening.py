@@ -152,34 +152,67 @@ def replace(path: Path, data: bytes, mode: int | None = None) -> None:
     """Write a file so that who reads it, also after a crash, finds the old content or the new one.
 
     Args:
-        path: of the file; a device or a FIFO, such as /dev/stdout, is written to.
+        path: of the file. Without a mode a link is followed, and a device or a FIFO, such as /dev/stdout, is
+            written to. With a mode it is a file that this program keeps for itself, such as a private key:
+            whatever has the name is replaced by an ordinary file, and nothing is written through a link.
         data: its new content.
         mode: its permissions; None: those that it has, or that each new file of this user gets.
 
     Raises:
         OSError: it cannot be written, or another user made the link that stands there; the old one stays.
     """
-    if path.exists() and not path.is_file():
-        overwrite(path, data)
-        return
-    own(path)
-    path = path.resolve()  # a link stays one
-    makes = 0o666 if mode is None else mode
-    if mode is None and path.exists():
-        mode = path.stat().st_mode & 0o7777
-    new = path.with_name(f".{path.name}.{os.urandom(4).hex()}")
-    descriptor = _open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, makes)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
+    if mode is None:
+        if path.exists() and not path.is_file():
+            overwrite(path, data)
+            return
+        own(path)
+        path = path.resolve()  # a link stays one
+        if path.exists():
+            mode = path.stat().st_mode & 0o7777
+    new = path.with_name(f".{path.name}.new{os.geteuid()}")
+    with os.fdopen(_draft(new, 0o666 if mode is None else mode), "wb") as file:
+        try:
             file.write(data)
             file.flush()
             if mode is not None:
-                os.fchmod(descriptor, mode)
-            os.fsync(descriptor)
-        new.replace(path)
-    except BaseException:
-        new.unlink(missing_ok=True)
-        raise
+                os.fchmod(file.fileno(), mode)
+            os.fsync(file.fileno())
+            new.replace(path)
+        except BaseException:
+            new.unlink(missing_ok=True)
+            raise
+
+
+def _draft(path: Path, mode: int) -> int:
+    """Open a new file that only its writer renames or removes, for it is locked; it waits for another writer.
+
+    One that a killed writer has left is locked by nobody any more, and removed.
+    """
+    while True:
+        try:
+            draft, fresh = _open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), True
+        except FileExistsError:
+            try:
+                draft, fresh = opened_own(path), False
+            except FileNotFoundError:  # its writer is done
+                continue
+        try:
+            fcntl.flock(draft, fcntl.LOCK_EX)
+            if _leads_to(path, draft):
+                if fresh:
+                    return draft
+                path.unlink()
+        except BaseException:
+            os.close(draft)
+            raise
+        os.close(draft)
+
+
+def _leads_to(path: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(path.lstat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
 
 
 @contextlib.contextmanager

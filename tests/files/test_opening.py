@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -242,3 +243,55 @@ def test_what_is_no_file_is_written_to(tmp_path: Path) -> None:
         replace(tmp_path / "x", b"nobody reads it")
     replace(Path("/dev/null"), b"gone")
     assert Path("/dev/null").is_char_device()
+
+
+KILLED = """
+import os, pathlib, signal, sys
+from robotree.files import replace
+os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+replace(pathlib.Path(sys.argv[1]), b"secret", 0o600)
+"""
+
+
+def test_what_a_killed_writer_left_is_removed_by_the_next(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    for _ in range(2):
+        subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
+    assert len(list(tmp_path.iterdir())) == 1
+    replace(path, b"whole", 0o600)
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_bytes() == b"whole"
+
+
+def test_two_writers_at_once_do_not_mix(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    contents = {letter * 100_000 for letter in (b"a", b"b", b"c", b"d")}
+
+    def write(content: bytes) -> None:
+        for _ in range(20):
+            replace(path, content)
+            assert path.read_bytes() in contents
+
+    with ThreadPoolExecutor() as writers:
+        list(writers.map(write, contents))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("planted", ["link", "fifo"])
+def test_a_draft_is_written_through_nothing_that_stands_there(tmp_path: Path, planted: str) -> None:
+    (tmp_path / "precious").write_text("kept")
+    draft = tmp_path / f".x.new{os.geteuid()}"
+    draft.symlink_to("precious") if planted == "link" else os.mkfifo(draft)
+    with pytest.raises(OSError, match="not a file"):
+        replace(tmp_path / "x", b"secret")
+    assert (tmp_path / "precious").read_text() == "kept"
+
+
+@pytest.mark.parametrize("stands", ["link", "fifo"])
+def test_with_a_mode_the_name_itself_is_replaced(tmp_path: Path, stands: str) -> None:
+    (tmp_path / "precious").write_text("kept")
+    path = tmp_path / "key"
+    path.symlink_to("precious") if stands == "link" else os.mkfifo(path)
+    replace(path, b"secret", 0o600)
+    assert (path.read_bytes(), mode(path), path.is_symlink()) == (b"secret", 0o600, False)
+    assert (tmp_path / "precious").read_text() == "kept"
