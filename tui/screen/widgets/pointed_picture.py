@@ -21,7 +21,7 @@ PARTS = 8
 """Signs that are drawn between two points of a way."""
 
 
-class PointedPicture(Pointing, PictureView):
+class PointedPicture(PictureView, Pointing, can_focus=True):
     """Shows a camera; the point under the cursor is where the view meets a level plane of the workspace."""
 
     def __init__(self, *, id: str | None = None, rate: float = RATE) -> None:  # noqa: A002 # Textual's name for it
