@@ -76,11 +76,10 @@ async def test_a_yes_is_good_once_for_a_call_of_a_robot_that_cannot_read_it(
     async with Client(server, read_timeout_seconds=PATIENT) as client:
 
         async def asked() -> str:
-            ask = client.call_tool
-            while "has no policy" in text(
-                answer := await ask(f"{cart}__walk", {"x": 2, "_why": "to see it go"})
-            ):
-                await asyncio.sleep(0.1)  # that of lab is on its way to hall
+            answer = await client.call_tool(f"{cart}__walk", {"x": 2, "_why": "to see it go"})
+            if "has no policy" in text(answer):  # that of lab is on its way to hall
+                await asyncio.sleep(0.1)
+                return await asked()
             assert not answer.is_error, text(answer)
             told: Any = answer.structured_content
             return str(told["permit"])
