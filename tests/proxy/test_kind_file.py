@@ -93,7 +93,7 @@ def test_of_several_kinds_in_a_file_one_is_named(write: Path) -> None:
             "door",
             DOOR,
             UnknownKind,
-            r"'door' is no kind of robot; there is: arm, rover, limb, base, head, or a file .* as door\.py",
+            rf"'door' is no kind of robot; there is: {', '.join(kinds.KINDS)}, or a file .* as door\.py",
         ),
     ],
 )

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from importlib import import_module
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
 import pytest
 from textual.binding import Binding
-from textual.screen import Screen
+from textual.dom import DOMNode
 from textual.widgets import Button, Input
 
 from robotree.tui.line.action import About, Scope, Where, spell
 from robotree.tui.line.actions import ACTIONS
-from robotree.tui.line.page_keys import PAGE_KEYS, page_keys
+from robotree.tui.line.page_keys import KEYS_BY_ID, PAGE_KEYS, PAGES, page_keys
+from robotree.tui.screen import pages
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.asking import ASK, DANGERS
-from robotree.tui.screen.pages.compose import ComposePage
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
-from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.help import help_text, page_rows
 from robotree.tui.screen.pages.main import PANES, MainPage
-from robotree.tui.screen.pages.messages import MessagesPage
-from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.pages.readings import ReadingsPage
-from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.pages.user import DoingPage, UserPage
-from robotree.tui.screen.pages.where import WherePage
-from robotree.tui.screen.pages.write import WritePage
 from robotree.tui.screen.place import Place
 
 if TYPE_CHECKING:
@@ -63,26 +58,32 @@ def test_only_what_is_on_the_screen_is_about_something_there() -> None:
     assert all(action.scope is Scope.PAGE for action in ACTIONS if action.about is not About.NOTHING)
 
 
-@pytest.mark.parametrize(
-    ("name", "page"),
-    [
-        ("panel", PanelPage),
-        ("teleop", TeleopPage),
-        ("new", NewPage),
-        ("question", Confirm),
-        ("question", EnslaveDialog),
-        ("text", Reading),
-        ("where", WherePage),
-        ("readings", ReadingsPage),
-        ("messages", MessagesPage),
-        ("user", UserPage),
-        ("doing", DoingPage),
-        ("writing", WritePage),
-        ("compose", ComposePage),
-    ],
-)
-def test_every_key_of_a_page_comes_from_the_registry_and_is_explained(name: str, page: type[Screen]) -> None:
-    bound = {(binding.id, binding.key) for binding in page.BINDINGS if isinstance(binding, Binding)}
+def holders(above: type[DOMNode]) -> Iterator[tuple[str, type[DOMNode]]]:
+    """Yield each page and widget that binds keys of a page of the registry, behind the name of that page."""
+    for holder in above.__subclasses__():
+        names = {key.page for binding in own_bindings(holder) if (key := KEYS_BY_ID.get(binding.id or ""))}
+        yield from ((name, holder) for name in names)
+        yield from holders(holder)
+
+
+def own_bindings(holder: type[DOMNode]) -> list[Binding]:
+    return [binding for binding in holder.BINDINGS if isinstance(binding, Binding)]
+
+
+for module in iter_modules(pages.__path__, f"{pages.__name__}."):
+    import_module(module.name)
+HOLDERS = sorted(set(holders(DOMNode)), key=str)
+
+
+def test_each_page_of_the_registry_has_somebody_who_binds_its_keys() -> None:
+    assert {name for name, _ in HOLDERS} == {page.name for page in PAGES}
+
+
+@pytest.mark.parametrize(("name", "holder"), HOLDERS)
+def test_every_key_of_a_page_comes_from_the_registry_and_is_explained(
+    name: str, holder: type[DOMNode]
+) -> None:
+    bound = {(binding.id, binding.key) for binding in own_bindings(holder)}
     assert bound == {(key.id, key.key) for key in page_keys(name)}
     assert all(key.help.endswith(".") for key in page_keys(name))
 
