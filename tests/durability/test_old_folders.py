@@ -8,6 +8,7 @@ import pytest
 
 from robotree.testing.team import Team
 from robotree.vr.base.errors import VrError
+from tests.durability.stage import COMPLAINT
 from tests.durability.test_pages import acts, tourist
 
 
@@ -34,6 +35,8 @@ def test_a_command_whose_old_folder_was_put_back_ends_and_nothing_is_done_twice(
     with pytest.raises(VrError):
         call.result()
     assert len(acts(team)) <= acted + 1, "but for what was under way"
+    assert sorted(set(acts(team))) == acts(team), "nothing is done twice"
+    assert not COMPLAINT.search(caplog.text), caplog.text
     assert "was commanded by start 3 of the host of tourist, and this is start 2: an old" in caplog.text
 
 

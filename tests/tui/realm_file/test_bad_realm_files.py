@@ -161,14 +161,9 @@ class Mine(VirtualRobot):
 """
 MOVES = MOVE_TO.read_text()
 WRONG_PAGES = [
-    ("", "page: gone.py", 3, "/gone.py"),
-    (
-        MOVE_TO.read_text(),
-        "slots: {amr: a}",
-        4,
-        "MoveTo has no slot 'amr' (did you mean 'arm'?); it has: arm",
-    ),
-    (MOVE_TO.read_text(), "settings: {speeed: 1}", 4, "MoveTo has no setting 'speeed'"),
+    ("", "page: gone.py", 3, "/gone.py: No such file or directory"),
+    (MOVES, "slots: {amr: a}", 4, "MoveTo has no slot 'amr' (did you mean 'arm'?); it has: arm"),
+    (MOVES, "settings: {speeed: 1}", 4, "MoveTo has no setting 'speeed'; it has: none"),
     *(
         (REMEMBERS, f"settings: {{{name}: 1}}", 4, f"Mine has no setting '{name}'; it has: speed")
         for name in ("counted", "count", "_hidden")
@@ -186,7 +181,7 @@ def test_a_page_that_is_missing_or_lacks_what_the_file_says_is_named_with_its_li
     (tmp_path / "mine.py").write_text(page)
     error = refused_page(file_with(tmp_path, f"robots:\n  one:\n{entries}\n"))
     assert error.number == line
-    assert expected in str(error)
+    assert str(error).endswith(expected)
 
 
 def test_a_page_that_inherits_from_elsewhere_is_not_judged_by_its_text(tmp_path: Path) -> None:

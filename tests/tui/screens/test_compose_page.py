@@ -115,7 +115,7 @@ async def test_steps_move_with_what_is_in_them_and_can_be_taken_out(realm: Realm
         assert lines(page) == ["wait 1"]
 
 
-async def test_a_line_that_is_no_step_is_refused_a_new_one_that_is_left_goes_and_steps_are_asked_about(
+async def test_leaving_a_new_line_drops_it_and_leaving_the_page_asks_about_its_steps(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client, size=(80, 24)) as operator:

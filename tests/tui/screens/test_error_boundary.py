@@ -26,6 +26,9 @@ async def test_an_error_in_a_handler_or_a_verb_is_told_and_the_screen_goes_on(
     def trips(*_: object) -> None:
         raise RuntimeError("a mistake [/x]")
 
+    async def trips_below(*_: object) -> None:
+        raise KeyError("a mistake in the client")
+
     async with operate(realm.realm_client, mended=True) as operator:
         await operator.sees("● free")
         monkeypatch.setattr(MainPage, "action_verb", trips)
@@ -35,9 +38,10 @@ async def test_an_error_in_a_handler_or_a_verb_is_told_and_the_screen_goes_on(
         await operator.press("S")
         await operator.sees("robots with problems first")
         assert len(operator.app.errors) == 1
-        monkeypatch.setattr(realm.realm_client, "cancel", trips)
+        monkeypatch.setattr(realm.realm_client, "cancel", trips_below)
         await operator.obey("cancel arm-1")
-        await operator.until(lambda: len(operator.app.errors) == 2, "an error in a verb")
+        await operator.sees("something went wrong in here", "a mistake in the client")
+        assert len(operator.app.errors) == 2
 
 
 async def test_an_error_at_every_drawing_is_told_once(

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 K9S = read('preset = "k9s"\n[keys]\npanel.run = "f5"\nfilter = "f3"\nresume = "f6"', "keys.toml")
 
 
-async def test_d_describes_and_deletes_nobody_with_the_keys_of_k9s_and_a_form_runs_by_another(
-    realm: Realm, operate: Operate
-) -> None:
+async def test_the_keys_of_k9s_and_others_that_a_person_has_chosen(realm: Realm, operate: Operate) -> None:
     await realm.create("move_to.py", "mover")
     async with operate(realm.realm_client, keymap=K9S) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")

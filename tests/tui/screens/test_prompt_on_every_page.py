@@ -107,7 +107,7 @@ async def test_a_verb_about_the_list_leaves_the_panel_for_it_and_is_recalled_the
         assert operator.one(Input, "#line").value == "log", "a line that was typed on another page"
 
 
-async def test_what_leaves_other_programs_leaves_this_one_and_of_an_unknown_verb_the_help_is_named(
+async def test_verbs_of_other_programs_leave_and_unknown_ones_are_explained(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client) as operator:
