@@ -10,7 +10,7 @@ from typing import Literal
 
 import pytest
 
-from robotree.testing import rehearse
+from robotree.testing import rehearse, team
 from robotree.testing.team import Going, Team
 from robotree.vr.base.errors import CommandCancelled, EndedInDoubt
 from tests.durability.drivers import Catcher, Driver, Verifier
@@ -198,3 +198,13 @@ def test_again_without_a_child_keeps_the_question() -> None:
     road.decide("again")
     assert call.result() == 2
     assert road.at_rest() == 2 * LEG
+
+
+def test_who_waits_behind_a_question_is_told_how_to_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(team, "OPERATOR", "anna@desk")
+    road = Road()
+    road.lost(legs=2)
+    road.question()
+    behind = road.team.start("drive", legs=1, within=240.0)
+    road.team.wait(2.0)
+    assert "it asks: `robotree decide driver done|again|abort`" in behind.progress[-1][1]

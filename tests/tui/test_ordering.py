@@ -10,7 +10,7 @@ from robotree.tui.seen import absence
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.errors import SeveralRobots
-from robotree.vr.base.order import KnownAgent, OrderHold
+from robotree.vr.base.order import KnownAgent, Order, OrderHold
 
 parse = manual.shell().parse
 
@@ -42,6 +42,13 @@ def test_a_robot_that_was_stopped_again_and_again_has_one_line() -> None:
         f"every robot that is away is held since {absence.clock(10.0)} by anna, ben: R releases it",
         f"rover-1 is held since {absence.clock(30.0)} by anna: R releases it",
     ]
+
+
+def test_an_order_whose_robot_asks_a_person_says_how_to_answer() -> None:
+    order = Order(key="0123456789ab", robot="cart", command="roll", state="taken")
+    assert "asks" not in ordering.table([order])
+    assert "asks: `robotree decide cart done|again|abort`" in ordering.table([order], asking={"cart"})
+    assert "robotree decide cart" in ordering.portrait(order, {"cart"})
 
 
 async def test_the_advice_of_the_error_can_be_typed() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui.errors import ValueRefused
@@ -181,11 +181,18 @@ async def orders(realm_client: RealmClient, line: Line, teller: Teller) -> Outco
         "holds": [plain(each) for each in holds],
         "silent": list(board.silent),
     }
-    return Outcome(data, table(shown, holds))
+    return Outcome(data, table(shown, holds, await _asking(realm_client, shown)))
 
 
-def table(orders: Sequence[Order], holds: Sequence[Any] = ()) -> str:
-    """Return orders and holds as people read them."""
+async def _asking(realm_client: RealmClient, orders: Iterable[Order]) -> set[str]:
+    """Return the robots that ask a person while they carry out an order."""
+    if not any(each.state == "taken" for each in orders):
+        return set()
+    return {robot.name for robot in await realm_client.tree() if robot.asks}
+
+
+def table(orders: Sequence[Order], holds: Sequence[Any] = (), asking: Container[str] = ()) -> str:
+    """Return orders and holds as people read them; `asking`: see `about`."""
     rows: list[tuple[str, ...]] = [("TICKET", "ORDER", "STATE", "BY", "LEFT", "BEGIN BY", "ABOUT")]
     rows += [
         (
@@ -195,7 +202,7 @@ def table(orders: Sequence[Order], holds: Sequence[Any] = ()) -> str:
             each.who,
             absence.clock(each.left),
             absence.clock(each.begin_by),
-            about(each),
+            about(each, asking),
         )
         for each in orders
     ]
@@ -215,12 +222,14 @@ def held(holds: Sequence[OrderHold], remedy: str) -> list[str]:
     ]
 
 
-def about(order: Order) -> str:
-    """Return why an order is as it is, or what it waits for."""
+def about(order: Order, asking: Container[str] = ()) -> str:
+    """Return why an order is as it is, or what it waits for; `asking`: the robots that ask a person."""
     if order.state == "waiting" and order.asks and not order.confirmed_by:
         return f"ASKS (order confirm {order.ticket}): {order.asks}"
     if order.state == "taken" and order.cancelled_by:
         return f"{order.cancelled_by} cancelled it; its robot has it already"
+    if order.state == "taken" and order.robot in asking:
+        return f"asks: `robotree decide {order.robot} done|again|abort`"
     if order.state == "done":
         rows = wording.result(order.result, order.value)
         return ", ".join(f"{name} {text}".strip() for name, text in rows)
@@ -230,11 +239,11 @@ def about(order: Order) -> str:
 async def order_show(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:
     """Show one order."""
     order = await realm_client.orders.order(line.text("TICKET"))
-    return Outcome(data_of(order), portrait(order))
+    return Outcome(data_of(order), portrait(order, await _asking(realm_client, [order])))
 
 
-def portrait(order: Order) -> str:
-    """Describe one order in full."""
+def portrait(order: Order, asking: Container[str] = ()) -> str:
+    """Describe one order in full; `asking`: see `about`."""
     given = " ".join(f"{name}={value!r}" for name, value in order.arguments.items())
     facts = [
         ("ticket", order.ticket),
@@ -242,7 +251,7 @@ def portrait(order: Order) -> str:
         ("order", f"{order.robot}.{order.command} {given}".rstrip()),
         ("state", order.shown),
         ("since", absence.clock(order.at)),
-        ("about", about(order)),
+        ("about", about(order, asking)),
         ("left by", f"{order.who}, {absence.clock(order.left)}"),
         ("begin by", absence.clock(order.begin_by)),
         ("may take", f"{order.may_take:.0f} s"),

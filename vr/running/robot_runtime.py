@@ -748,7 +748,8 @@ class RobotRuntime:
             if (first := calls.live.get(calls.running)) is None:
                 return
             waiting = [calls.live[key] for key in calls.waiting if is_person(calls.live[key].caller)]
-            notes = [(self._run_of(call.key), waits(first, now - call.came)) for call in waiting]
+            asks = f"; it asks: `robotree decide {self.name} done|again|abort`" if first.doubt else ""
+            notes = [(self._run_of(call.key), waits(first, now - call.came) + asks) for call in waiting]
             for run, _ in notes:
                 run.waited = True
             looks = bool(notes) and not self._looks

@@ -73,13 +73,16 @@ class OrdersPage(Modal[None]):
         self._orders = {each.key: each for each in orders}
         choices.fill(Row(each.key, self._row(each)) for each in orders)
 
+    def _asking(self) -> set[str]:
+        return {name for name, robot in self.app.store.descriptions.items() if robot.asks}
+
     def _row(self, order: Order) -> Text:
         state = tint(self.app, COLOURS[order.shown]) if order.shown in COLOURS else DIM
         return Text.assemble(
             (f"{order.ticket}  ", DIM),
             (f"{order.robot}.{order.command}  ", "bold"),
             (f"{order.shown}  ", state),
-            f"{order.who}  {ordering.about(order)}",
+            f"{order.who}  {ordering.about(order, self._asking())}",
         )
 
     @on(RowList.OptionSelected)
@@ -99,7 +102,8 @@ class OrdersPage(Modal[None]):
                 self._take(order)
             self._look()
 
-        question = Question(f"order {order.ticket}", ordering.portrait(order), *answers, harmless="Close")
+        portrait = ordering.portrait(order, self._asking())
+        question = Question(f"order {order.ticket}", portrait, *answers, harmless="Close")
         self.app.push_screen(question, answered)
 
     @work(exit_on_error=False, group="results")
