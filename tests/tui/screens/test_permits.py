@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from msgspec.structs import replace
 from PIL import Image
+from textual.containers import VerticalScroll
 from textual.widgets import OptionList
 
 from robotree.tui.line.action import Where
@@ -71,6 +72,8 @@ async def test_a_person_sees_that_an_assistant_asks_and_answers_in_a_dialog(
         await operator.press("enter")
         page = await operator.at(PermitDialog)
         await operator.sees("May claude do this, once?", "x=0.5 m", "the lever [/x] is open", "0.21 m")
+        assert page.query_one(".dialog").outer_size.width == 96
+        assert page.query_one(VerticalScroll).max_scroll_y == 0, "all of it is in sight"
         await operator.until(lambda: page.query_one(PictureView).frames > 0, "the picture")
         await operator.sees("\u2580")
         await operator.press("enter")  # the harmless answer has the focus
