@@ -5,13 +5,16 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
-from textual.widgets import Input
+import pytest
+from textual.widgets import Button, Input
 
 from robotree.tui.line.action import Where
 from robotree.tui.line.carrying import Silent, carry_out
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import Outcome
+from robotree.tui.screen.pages.question import QuestionDialog
 from robotree.tui.screen.user_app import UserApp
+from robotree.tui.seen.asked import DOUBT, AskedQuestion
 from robotree.vr.bundle import Bundle
 
 if TYPE_CHECKING:
@@ -84,3 +87,14 @@ async def test_an_operator_is_told_of_a_question_and_how_it_is_answered(
         await operator.until(lambda: any(line.text.endswith(" says later") for line in said(0)), "the answer")
     await client.call("asker", "finish", {}, deadline=60.0)
     await running
+
+
+async def test_of_the_answers_to_a_doubt_the_dangerous_one_is_red(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(QuestionDialog, "_answered", lambda _: "")
+    async with operate(realm.realm_client) as operator:
+        operator.app.push_screen(QuestionDialog(operator.app, AskedQuestion("arm-1", "Was it done?", DOUBT)))
+        page = await operator.at(QuestionDialog)
+        await operator.sees("I do not know", "It is done", "Again", "End it")
+        assert [each.name for each in page.query(Button) if each.variant == "error"] == ["abort"]

@@ -44,11 +44,13 @@ class QuestionDialog(Question):
             yield Static(asked.text, classes="dialog-title", markup=False)
             yield Static(f"{asked.robot} asks", markup=False)
             with Vertical(classes="answers"):
-                yield Button("Later", id="no", compact=True)
+                yield Button("Later" if asked.id else "I do not know", id="no", compact=True)
                 if not self._readonly:
                     for answer in asked.answers:
                         word = answer if asked.id else DOUBT.get(answer, answer)
-                        yield Button(Text(word), name=answer, variant="primary", compact=True)
+                        danger = not asked.id and answer == "abort"
+                        variant = "error" if danger else "primary"
+                        yield Button(Text(word), name=answer, variant=variant, compact=True)
             if not (asked.answers or self._readonly):
                 with Horizontal():
                     yield Input(placeholder="your answer, then enter", id="said", compact=True)
