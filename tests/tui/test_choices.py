@@ -36,6 +36,14 @@ def test_a_file_with_nonsense_is_no_file(tmp_path: Path, text: str) -> None:
     assert (Choices(file).get("arm-1", 3), Choices(file).get("theme", "")) == (3, "")
 
 
+def test_a_bad_entry_is_left_out_alone(tmp_path: Path) -> None:
+    file = tmp_path / "choices.json"
+    file.write_text('{"arm-1": 5, "arm-2": -1, "arm-3": true, "arm-4": null, "theme": "desk"}')
+    choices = Choices(file)
+    assert [choices.get(f"arm-{number}", 3) for number in (1, 2, 3, 4)] == [5, 3, 3, 3]
+    assert choices.get("theme", "") == "desk"
+
+
 def test_where_nothing_can_be_kept_a_choice_holds_until_the_end(tmp_path: Path) -> None:
     choices = Choices(tmp_path / "no" / "folder" / "choices.json")
     choices.choose("arm-1", 2)

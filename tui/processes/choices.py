@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 from pathlib import Path
-from typing import Annotated, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import msgspec
 
@@ -19,7 +19,6 @@ KEPT = 200
 """Choices that are kept, the last ones."""
 
 Choice = TypeVar("Choice", int, str)
-_KEPT_AS = dict[str, Annotated[int, msgspec.Meta(ge=0)] | str]
 
 log = logging.getLogger(__name__)
 
@@ -28,12 +27,13 @@ class Choices:
     """Numbers and words by name."""
 
     def __init__(self, path: Path | None = None) -> None:
-        """Read what was kept in a file; None, or a file that cannot be read: nothing."""
+        """Read what was kept in a file, but for bad entries; None, or a file that cannot be read: nothing."""
         self._path = path
         self._chosen: dict[str, int | str] = {}
         if path is not None:
             with contextlib.suppress(OSError, ValueError, msgspec.MsgspecError):
-                self._chosen = msgspec.json.decode(files.read(path, LARGEST), type=_KEPT_AS)
+                kept = msgspec.json.decode(files.read(path, LARGEST), type=dict[str, Any]).items()
+                self._chosen = {name: each for name, each in kept if _is_choice(each)}
 
     def get(self, name: str, usual: Choice) -> Choice:
         """Return what was chosen; what is usual where nothing was."""
@@ -56,3 +56,7 @@ class Choices:
             files.overwrite(self._path, msgspec.json.encode(self._chosen))
         except OSError as error:
             log.warning("what is chosen for %s is forgotten at the end: %s", name, error)
+
+
+def _is_choice(kept: Any) -> bool:
+    return isinstance(kept, str) or (type(kept) is int and kept >= 0)
