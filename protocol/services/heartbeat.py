@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from robotree.protocol.messages import Heartbeat
-
-if TYPE_CHECKING:
-    pass
 
 PERIOD = 1.0
 """[s]"""

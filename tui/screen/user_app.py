@@ -6,7 +6,7 @@ along: orders are left in that memory, and go to the directories as soon as one 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from textual.binding import Binding, BindingType
 
@@ -19,9 +19,6 @@ from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.user import UserPage
 from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.user_desk import UserDesk
-
-if TYPE_CHECKING:
-    pass
 
 SHOWN = frozenset({"stop", "resume", "role"})
 """What this program asks for as operators do, beside what it does in its own way."""
