@@ -85,7 +85,7 @@ def session_of(tape: Tape, mine: Callable[[str], bool]) -> str:
 def _lines(asked: Sequence[_Asked]) -> Iterable[str]:
     """Return the lines of all requests, with pauses; what overlapped does so again."""
     before, beside = 0.0, list[_Asked]()
-    for request, following in zip(asked, [*asked[1:], None], strict=True):
+    for request, following in zip(asked, [*asked, None][1:], strict=True):
         over = [each for each in beside if each.ended <= request.unix]
         beside = [each for each in beside if each.ended > request.unix]
         yield from _idle(over, beside)

@@ -190,6 +190,16 @@ def test_a_forged_recording_adds_no_line_to_a_script_and_names_no_file_elsewhere
     assert [path.name for path in folder.iterdir()] == ["001-cell-------evil--x.jpg"]
 
 
+def test_where_nobody_asked_for_anything_the_script_expects_who_was_there() -> None:
+    stream = io.BytesIO()
+    writer = TapeWriter(stream, {"began": repr(NOON)})
+    writer.description(NOON, ARM)
+    writer.close()
+    script = replayed.session_of(read(stream.getvalue()), lambda _: True)
+    assert "\nexpect arm-1 listed\n" in script
+    assert "Nobody asked for anything" in script
+
+
 def test_a_page_of_somebody_else_is_not_run_by_a_script() -> None:
     stream = io.BytesIO()
     writer = TapeWriter(stream, {"began": repr(NOON)})
