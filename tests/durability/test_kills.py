@@ -11,7 +11,7 @@ pytestmark = pytest.mark.e2e
 
 
 async def test_further_kills_while_it_comes_back_and_at_its_end_change_nothing(stage: Stage) -> None:
-    """At each boundary before it is killed in test_campaign.py."""
+    """A single kill at each boundary is a matter of test_campaign.py."""
     host = stage.host()
     await stage.furnish(host, "after send 4")
     kills = ["before segment 1", "replay 4", "after end 1"]

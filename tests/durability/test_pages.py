@@ -183,6 +183,7 @@ async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_rob
     stage.effects_file.write_text("")
     assert await stage.realm_client.call("tourist", "pairs", {"steps": 2}) == [0, 2]
     stage.expect_once(0, 1)
+    before = await stage.realm_client.call("tourist", "tour", {"steps": 2})
     other = stage.folder / "other.py"
     other.write_text(PAGES.read_text().replace("steps: int, pause", "steps: int = 4, pause"))
     await stage.realm_client.reload("tourist", str(other), "Tourist")
@@ -190,7 +191,7 @@ async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_rob
     await host.kill()
     await host.start()
     stage.effects_file.write_text("")
-    await stage.realm_client.call("tourist", "tour", {})
+    assert await stage.realm_client.call("tourist", "tour", {}) == [steps + 4 for steps in before]
     stage.expect_once(*range(4))
 
 

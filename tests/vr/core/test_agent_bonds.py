@@ -283,10 +283,11 @@ async def test_a_robot_made_again_under_the_old_name_is_not_commanded_by_mistake
 
 
 @pytest.mark.real_threads
-async def test_a_parent_whose_command_never_returns_keeps_its_children(realm: Any) -> None:
+@pytest.mark.parametrize("trouble", ["spin", "hang"])
+async def test_a_parent_whose_command_never_returns_keeps_its_children(realm: Any, trouble: str) -> None:
     rover, pair = await bound(realm, term=1.0)
     epoch = rover.description().epoch
-    stuck = asyncio.create_task(realm.client(pair).call("hang", {}, deadline=2.5))
+    stuck = asyncio.create_task(realm.client(pair).call(trouble, {}, deadline=2.5))
     await asyncio.sleep(2.0)
     assert not stuck.done()
     assert rover.description().epoch == epoch
