@@ -113,8 +113,9 @@ class OwnedDatabase:
         if code == sqlite3.SQLITE_FULL:
             return self._full("its disk is full")
         if code in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}:
-            return self._unusable("another process owns it; ask that one, or end it first")
-        if code in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
+            return self._unusable("another process owns it, and serves it; ask that one, or end it first")
+        # SQLITE_ERROR: a table that it was made with is not there
+        if code in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR}:
             return self._damaged(str(error))
         return self._unusable(
             f"it cannot be written or read ({error}); nothing was changed: look at its disk"

@@ -72,7 +72,7 @@ def test_a_lease_goes_on_while_nobody_serves_and_no_clock_makes_it_longer(tmp_pa
 
 def test_a_second_process_is_told_who_has_the_file(tmp_path: Path) -> None:
     timed = filled(tmp_path / "s.db")
-    with pytest.raises(SpaceUnusable, match="another process owns it; ask that one"):
+    with pytest.raises(SpaceUnusable, match="another process owns it, and serves it; ask that one"):
         sqlite(tmp_path / "s.db")
     timed.store.close()
 
