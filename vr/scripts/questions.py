@@ -17,8 +17,6 @@ ANSWER_LENGTH = 400
 class Questions:
     """Open questions by conversation, the oldest first."""
 
-    """Open questions by conversation, the oldest first."""
-
     def __init__(self) -> None:
         """Nothing is asked."""
         self._open: dict[str, PersonAsked] = {}

@@ -38,6 +38,7 @@ def test_a_role_says_what_it_does_not_inherit() -> None:
         (["role: a\ninherits: [b, c]"], "a role inherits from one role"),
         (["inherits: b"], "`role: NAME` is missing"),
         (["role: a\nlimits: {speed: fast}"], "limit speed must be a number"),
+        (["role: a\nacts: {go: 5}"], "an act must be written as `name: value`"),
         (["role: a\nvoice: x"], "a role has no 'voice'; it has: role, inherits, doc, manner"),
         (["role: a\n\tdoc: x"], "role:2:1: a tab cannot indent here: use spaces"),
     ],

@@ -68,7 +68,13 @@ def read_profile(source: str, path: str) -> Profile:
         inherits="" if inherits is None else inherits.text,
         doc=root.text("doc"),
         manner=root.named_values("manner", "a value"),
-        acts={key.text: acts.named_values(key.text, "a value") for key, _ in acts},
+        acts={
+            key.text: {
+                name.text: value_of(word(one, "a value", name.mark))
+                for name, one in entries(given, "an act", key.mark)
+            }
+            for key, given in acts
+        },
         words=root.named_texts("words", "a text"),
         limits=limits,
         mark=root.mark,
