@@ -26,8 +26,8 @@ from robotree.vr.base.description import lacking
 from robotree.vr.base.errors import (
     Busy,
     CommandInDoubt,
-    DirectoryUnusable,
     LeaseError,
+    LedgerUnusable,
     Stopped,
     TransportError,
     Unreachable,
@@ -198,14 +198,14 @@ class OrderTaker:
             soon(self._loop, lambda: self._loop.create_task(self._touch(now)))
 
     async def _touch(self, now: float) -> None:
-        with contextlib.suppress(DirectoryUnusable):
+        with contextlib.suppress(LedgerUnusable):
             await self._written(partial(self._ledger.touch, self._identity, now))
 
     async def _leave_rest(self) -> None:
         """Take note that the robot is about to move: if it is killed then, nobody has moved it by hand."""
         if self._identity not in self._ledger.rest:
             return
-        with contextlib.suppress(DirectoryUnusable):
+        with contextlib.suppress(LedgerUnusable):
             await self._written(partial(self._ledger.note_rest, self._identity, None))
 
     def _place(self) -> dict[str, float]:

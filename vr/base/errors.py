@@ -31,7 +31,7 @@ that a caller on the far side of the network catches the same class with the sam
       PermitError     PermitNeeded · PermitRefused · NoSuchPermit · BudgetSpent · AssistantUnknown
       OrderError      NoDirectory · NotOrdered · BadEnd · NoSuchOrder · SeveralOrders · OrderOver
                       NothingToConfirm · SeveralRobots · NotRemembered · DirectoryUnusable
-                      DirectoryDamaged
+                      DirectoryDamaged · LedgerUnusable · LedgerDamaged
 """
 
 from __future__ import annotations
@@ -1403,4 +1403,19 @@ class DirectoryDamaged(OrderError):
     sentence = (
         "the memory of the directory, {where}, is damaged ({reason}); move it away: the other directories "
         "give a new one what they have"
+    )
+
+
+class LedgerUnusable(OrderError):
+    """What a host remembers of its robots' orders cannot be read or kept."""
+
+    sentence = "what the host remembers of its robots' orders, {where}, cannot be used: {reason}"
+
+
+class LedgerDamaged(LedgerUnusable):
+    """What a host remembers of its robots' orders is not as it was written."""
+
+    sentence = (
+        "what the host remembers of its robots' orders, {where}, is damaged ({reason}); move it away: orders "
+        "that may have begun are in doubt then, and none is repeated"
     )

@@ -21,7 +21,7 @@ import msgspec
 
 from robotree.files import private_file, private_folder, read, replace
 from robotree.vr.base.chance import token
-from robotree.vr.base.errors import DirectoryUnusable, JournalError
+from robotree.vr.base.errors import JournalError, LedgerDamaged, LedgerUnusable
 from robotree.vr.base.order import Order, merged
 from robotree.vr.orders.store import Records
 
@@ -126,7 +126,7 @@ class Ledger:
             place: a file; or what keeps records, which stays open; None: nothing survives the process.
 
         Raises:
-            DirectoryUnusable: it cannot be used.
+            LedgerUnusable: it cannot be used.
         """
         self.where = "memory"
         self.slow = place is not None
@@ -147,7 +147,7 @@ class Ledger:
             self._open(place)
         except (*_TROUBLE, msgspec.MsgspecError) as error:
             self.close()
-            raise DirectoryUnusable(where=self.where, reason=str(error)) from None
+            raise self._in_words(error) from None
 
     def _open(self, place: Path | Records) -> None:
         if isinstance(place, Path):
@@ -173,7 +173,7 @@ class Ledger:
         An order that may have begun by either of the two has begun.
 
         Raises:
-            DirectoryUnusable: it cannot be read, or not be kept here.
+            LedgerUnusable: it cannot be read, or not be kept here.
         """
         before = Ledger(path)
         try:
@@ -195,7 +195,7 @@ class Ledger:
         """Keep an entry in the place of the one that is known. From any thread, as all that follow.
 
         Raises:
-            DirectoryUnusable: it is not kept.
+            LedgerUnusable: it is not kept.
         """
         self._write([(ENTRY, entry.order.key, _encode(entry))])
         self.entries[entry.order.key] = entry
@@ -204,7 +204,7 @@ class Ledger:
         """Take note that a person has commanded a robot.
 
         Raises:
-            DirectoryUnusable: it is not kept.
+            LedgerUnusable: it is not kept.
         """
         self._write([(TOUCHED, identity, _encode(at))])
         self.touched[identity] = at
@@ -213,7 +213,7 @@ class Ledger:
         """Take note where a robot came to rest; None: it moves, or is about to.
 
         Raises:
-            DirectoryUnusable: it is not kept.
+            LedgerUnusable: it is not kept.
         """
         if place is None:
             self._write([], [(REST, identity)])
@@ -228,7 +228,7 @@ class Ledger:
         """Forget what has expired everywhere; `now` [s] since 1970.
 
         Raises:
-            DirectoryUnusable: it is not forgotten.
+            LedgerUnusable: it is not forgotten.
         """
         old = [
             key
@@ -246,7 +246,15 @@ class Ledger:
                 if self._records is not None:
                     self._records.put_records(rows, gone)
         except _TROUBLE as error:
-            raise DirectoryUnusable(where=self.where, reason=str(error)) from None
+            raise self._in_words(error) from None
+
+    def _in_words(self, error: Exception) -> LedgerUnusable:
+        code: int = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        damaged = isinstance(error, msgspec.MsgspecError) or code in {
+            sqlite3.SQLITE_CORRUPT,
+            sqlite3.SQLITE_NOTADB,
+        }
+        return (LedgerDamaged if damaged else LedgerUnusable)(where=self.where, reason=str(error))
 
 
 class OrderMemory(NamedTuple):
@@ -265,7 +273,7 @@ def identity_in(folder: Path, kind: str) -> str:
         kind: of the robot: another kind under the same name is another robot.
 
     Raises:
-        DirectoryUnusable: it cannot be kept.
+        LedgerUnusable: it cannot be kept.
     """
     path = folder / IDENTITY
     try:
@@ -277,5 +285,5 @@ def identity_in(folder: Path, kind: str) -> str:
         drawn = token()
         replace(path, msgspec.json.encode(_Identity(drawn, kind)))
     except OSError as error:
-        raise DirectoryUnusable(where=str(path), reason=error.strerror or str(error)) from None
+        raise LedgerUnusable(where=str(path), reason=error.strerror or str(error)) from None
     return drawn

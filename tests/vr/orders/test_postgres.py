@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robotree.vr.base.errors import DirectoryUnusable
+from robotree.vr.base.errors import DirectoryUnusable, LedgerUnusable
 from robotree.vr.base.order import Order, OrderHold
 from robotree.vr.journal.postgres import PostgresLog, PostgresPlace
 from robotree.vr.orders.ledger import Ledger, LedgerEntry
@@ -50,7 +50,7 @@ def test_a_host_that_stands_by_knows_which_orders_were_begun(running: Server) ->
     taken_over = Ledger(second)
     assert taken_over.entries == ledger.entries
     assert taken_over.touched == {"i1": 7.5}
-    with pytest.raises(DirectoryUnusable):  # it was deposed: nothing more begins there
+    with pytest.raises(LedgerUnusable):  # it was deposed: nothing more begins there
         ledger.put(LedgerEntry(order("c", "taken"), begun=True))
     taken_over.forget(1e10)
     assert Ledger(second).entries.keys() == {"a"}

@@ -1,4 +1,4 @@
-"""The file of a directory: what is not as it was written is refused with what to do."""
+"""The files of directories and of orders: what is not as it was written is refused with what to do."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from robotree.vr.base.errors import DirectoryDamaged
+from robotree.vr.base.errors import DirectoryDamaged, LedgerDamaged
+from robotree.vr.orders.ledger import Ledger
 from robotree.vr.orders.store import OrderStore
 
 
@@ -26,3 +27,10 @@ def test_what_no_directory_writes_is_damage(tmp_path: Path, damage: str, sentenc
     file.close()
     with pytest.raises(DirectoryDamaged, match=rf"\({sentence}\); move it away"):
         OrderStore(path)
+
+
+def test_a_damaged_memory_of_orders_says_whose_it_is_and_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "orders.db"
+    path.write_bytes(b"not a database at all" * 1000)
+    with pytest.raises(LedgerDamaged, match=r"the host remembers.*\(file is not a database\); move it away"):
+        Ledger(path)
