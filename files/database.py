@@ -111,7 +111,7 @@ class OwnedDatabase:
     def _in_words(self, error: Exception) -> Exception:
         code: int = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
         if code == sqlite3.SQLITE_FULL:
-            return self._full("its disk is full")
+            return self._full("its disk is full; make room on that disk")
         if code in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}:
             return self._unusable("another process owns it, and serves it; ask that one, or end it first")
         # SQLITE_ERROR: a table that it was made with is not there

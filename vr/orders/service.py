@@ -13,7 +13,6 @@ import logging
 import math
 import time
 from collections.abc import Awaitable, Callable, Generator, Iterable, Sequence
-from functools import partial
 from typing import Any
 
 import msgspec
@@ -21,7 +20,7 @@ import msgspec
 from robotree.vr.base.address import Address, everyone
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.envelope import Received
-from robotree.vr.base.errors import VrError
+from robotree.vr.base.errors import DirectoryUnusable, VrError
 from robotree.vr.base.order import DIRECTORIES, KnownAgent, Order
 from robotree.vr.base.policy import PolicyTarget
 from robotree.vr.base.principal import Principal
@@ -509,18 +508,24 @@ class DirectoryService:
         try:
             yield
         except VrError as error:
+            self._say(error)
+
+    def _say(self, error: BaseException) -> None:
+        """Tell people what went wrong; that nothing is kept, once until something is."""
+        if str(error) != self.book.store.trouble:
             _log.warning("%s", error)
+        if isinstance(error, DirectoryUnusable):
+            self.book.store.trouble = str(error)
 
     def _do(self, work: Awaitable[Any]) -> None:
         task = asyncio.ensure_future(work)
         self._tasks[task] = None
-        task.add_done_callback(partial(_ended, self._tasks))
+        task.add_done_callback(self._ended)
 
-
-def _ended(tasks: dict[asyncio.Future[Any], None], task: asyncio.Future[Any]) -> None:
-    tasks.pop(task, None)
-    if not task.cancelled() and (error := task.exception()) is not None:
-        _log.warning("%s", error)
+    def _ended(self, task: asyncio.Future[Any]) -> None:
+        self._tasks.pop(task, None)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._say(error)
 
 
 def _label(key: str) -> str:

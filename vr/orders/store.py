@@ -124,6 +124,8 @@ class OrderStore:
         """By identity."""
         self.holds: dict[str, OrderHold] = {}
         """By id."""
+        self.trouble = ""
+        """Why nothing is kept at the moment, as it was said last; empty: all is."""
         moves = database is not None and path is not None and path.exists()
         before = OrderStore(path) if moves else None
         self.id = token() if before is None else before.id
@@ -167,6 +169,7 @@ class OrderStore:
         if self._records is not None and (rows or forget):
             with self._explained():
                 self._records.put_records(rows, [("orders", key) for key in forget])
+            self.trouble = ""
         self.orders.update({each.key: each for each in orders})
         self.agents.update({each.identity: each for each in agents})
         self.holds.update({each.id: each for each in holds})

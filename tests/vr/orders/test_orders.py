@@ -494,3 +494,17 @@ async def test_a_robot_that_waits_for_orders_keeps_nobody_waiting_when_it_ends(s
     began = stage.loop.time()
     await agent.close()
     assert stage.loop.time() - began < 0.1
+
+
+async def test_a_directory_says_once_that_its_disk_is_full(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    directory = await stage.directory("d1")
+    assert directory.book.store._file is not None
+    directory.book.store._file.file.execute("PRAGMA max_page_count=1")  # it cannot grow any more
+    for number in range(8):
+        await stage.robot(Rover(f"r{number}"))
+    await asyncio.sleep(60)
+    warnings = [record.getMessage() for record in caplog.records if "its disk is full" in record.getMessage()]
+    assert len(warnings) == 1
+    assert "make room on that disk" in warnings[0]
