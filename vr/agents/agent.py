@@ -546,10 +546,11 @@ class RobotAgent:
         if self._owns_process:
             self._process.close()
 
-    async def _delete(self, farewell: Callable[[str], None]) -> None:
+    async def _delete(self, asker: Principal, farewell: Callable[[str], None]) -> None:
         """End; returns when it is gone.
 
         Args:
+            asker: who wants it.
             farewell: called while the way to the asker is open, with a sentence on what is left.
         """
         self._virtual("be deleted; end the process of its proxy instead")
@@ -558,6 +559,7 @@ class RobotAgent:
             raise StillBonded(robot=self.robot.name, holder=lease.parent.name, slot=lease.slot)
         if self.before_end is not None:
             await self.before_end()
+        self._note_order("deleted", asker)
         self._farewells.append(farewell)
         self._deleted = True
         self._begin_to_end(LONGEST_END + PARTING)
@@ -714,8 +716,7 @@ class RobotAgent:
             case TakeStep():
                 return await pauses.step(self.runtime, self._with_steps(), request, asker)
             case Delete():
-                self._note_order("deleted", asker)
-                await self._delete(lambda left: send(Done(note=left)))
+                await self._delete(asker, lambda left: send(Done(note=left)))
                 return None
             case ReadEvents() | VerifyEvents() if self._history is not None:
                 return await asyncio.to_thread(answer_of, self._history, request)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from robotree.vr.base.envelope import sitting_at
+from robotree.vr.base.errors import NotVirtual
 from robotree.vr.base.presence import Held, Presence
 from robotree.vr.base.requests import LoggedLine, Remembered
 from robotree.vr.lookup.chronicle import APART, Chronicle, merged, site_told
@@ -107,6 +110,10 @@ async def test_the_realm_remembers_by_whom_a_robot_was_created_stopped_and_delet
             await world.realm_client.stop(None)
             await world.realm_client.resume(None)
             await world.realm_client.delete("carrier")
+            with pytest.raises(NotVirtual):
+                await world.realm_client.delete("r1")
+        logged = [line.text for line in world.agents["r1"].runtime.log.since(0)]
+        assert not [text for text in logged if "deleted" in text], "a refusal is no deletion"
         await until(lambda: not world.host.agents, "it has ended")
         history = [one.line for one in await world.realm_client.read_history() if one.name == "carrier"]
         texts = [line.text for line in history]
