@@ -12,6 +12,7 @@ from robotree.tui.exit_codes import REFUSED, code_of
 from robotree.tui.line.action import Where
 from robotree.tui.line.carrying import Refusal, Silent, carry_out
 from robotree.tui.line.completion import candidates, words_of
+from robotree.tui.line.groups import _Prefixed
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import Outcome
 from robotree.vr import Robot, command
@@ -122,6 +123,19 @@ async def test_a_command_goes_to_all_and_partial_failure_is_told(realm: Realm) -
     reason = part.data["members"][1]["detail"]
     assert f"{part.text} {part.doubt}".count(reason) == 1, "each reason is told once"
     assert code_of(part.doubt) == REFUSED
+
+
+@pytest.mark.parametrize(
+    ("progress", "told"),
+    [((0.0, ""), []), ((0.5, ""), [(0.5, "c1")]), ((0.0, "looks"), [(0.0, "c1: looks")])],
+)
+def test_a_member_that_has_only_begun_says_nothing(
+    progress: tuple[float, str], told: list[tuple[float, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard: list[tuple[float, str]] = []
+    monkeypatch.setattr(Silent, "progress", lambda _, *told: heard.append(told))
+    _Prefixed(Silent(), "c1").progress(*progress)
+    assert heard == told
 
 
 async def test_an_answer_of_several_parts_is_shown_whole_for_each_member(realm: Realm) -> None:

@@ -31,7 +31,8 @@ class _Prefixed:
         self._teller, self._name = teller, name
 
     def progress(self, fraction: float, text: str) -> None:
-        self._teller.progress(fraction, f"{self._name}: {text}")
+        if text or fraction:  # else it has only begun, as all have
+            self._teller.progress(fraction, f"{self._name}: {text}".removesuffix(": "))
 
     def warn(self, text: str) -> None:
         self._teller.warn(f"{self._name}: {text}")
