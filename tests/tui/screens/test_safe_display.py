@@ -6,9 +6,10 @@ import re
 from typing import TYPE_CHECKING
 
 import pytest
+from textual.widgets import Input
 
 from robotree.tui.screen.keymap import read
-from robotree.tui.screen.pages.dialogs import Confirm
+from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.widgets.picture import PictureView
@@ -231,6 +232,17 @@ async def test_the_log_has_a_level_and_a_filter_of_its_own(realm: Realm, operate
         await operator.sees("hold by", "log  /!stone")
         await operator.press("l")
         await operator.until(lambda: "/!stone" not in operator.text, "the robots have a filter of their own")
+
+
+async def test_a_search_that_finds_nothing_says_so(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        operator.app.push_screen(Reading("a text", "arm\nrover"))
+        page = await operator.at(Reading)
+        page.action_search()
+        operator.one(Input).value = "boat"
+        await operator.sees("nothing found")
+        operator.one(Input).value = "rov"
+        await operator.until(lambda: "nothing found" not in operator.text, "what was found")
 
 
 async def test_every_status_has_a_sign() -> None:

@@ -148,7 +148,9 @@ class Broken(Part, Static):
 
     def search(self, letters: str) -> None:
         """Show only the parts of the text that contain these letters; none: all of it."""
-        self._shown = containing(self._text, letters) if letters.strip() else self._text
+        self._shown = self._text
+        if letters.strip():
+            self._shown = containing(self._text, letters) or Text("nothing found")
         self.on_resize()
 
     def on_resize(self) -> None:
