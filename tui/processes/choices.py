@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -37,8 +37,8 @@ class Choices:
 
     def get(self, name: str, usual: Choice) -> Choice:
         """Return what was chosen; what is usual where nothing was."""
-        chosen = self._chosen.get(name)
-        return cast("Choice", chosen) if type(chosen) is type(usual) else usual
+        chosen: Any = self._chosen.get(name)
+        return chosen if type(chosen) is type(usual) else usual
 
     def keep_nothing(self) -> None:
         """Keep nothing from now on: who may only look writes no file of somebody else."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 from textual.color import Color
 from textual.theme import Theme
@@ -48,12 +49,8 @@ def reduced_theme(theme: Theme) -> Theme:
     variables = {
         name: _reduced(value) if value.startswith("#") else value for name, value in theme.variables.items()
     }
-    return replace(
-        theme,
-        name=f"{theme.name}-256",
-        variables=variables,
-        **{name: _reduced(getattr(theme, name)) for name in COLOURS},
-    )
+    colours: dict[str, Any] = {name: _reduced(getattr(theme, name)) for name in COLOURS}
+    return replace(theme, name=f"{theme.name}-256", variables=variables, **colours)
 
 
 def _reduced(colour: str | None) -> str:

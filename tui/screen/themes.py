@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from textual.theme import Theme
 
@@ -106,7 +107,7 @@ _DEEP = {
 
 def _of_sixteen(theme: Theme) -> Theme:
     """Return a theme for terminals of 16 colours, in which each state keeps a colour of its own."""
-    colours = _BRIGHT if theme.dark else _DEEP
+    colours: dict[str, Any] = _BRIGHT if theme.dark else _DEEP
     if theme is COLOUR_BLIND:
         colours = {**colours, "success": "#55ffff", "primary": "#5555ff"}
     variables = {

@@ -128,7 +128,7 @@ class OrderStore:
         """Why nothing is kept at the moment, as it was said last; empty: all is."""
         moves = database is not None and path is not None and path.exists()
         before = OrderStore(path) if moves else None
-        self.id = token() if before is None else before.id
+        self.id: str = token() if before is None else before.id
         """Of the directory, for as long as its memory is there."""
         self._file = _FileRecords(path) if database is None and path is not None else None
         self._records: Records | None = database or self._file

@@ -48,9 +48,10 @@ class QuestionDialog(Question):
                 if not self._readonly:
                     for answer in asked.answers:
                         word = answer if asked.id else DOUBT.get(answer, answer)
-                        danger = not asked.id and answer == "abort"
-                        variant = "error" if danger else "primary"
-                        yield Button(Text(word), name=answer, variant=variant, compact=True)
+                        ends = not asked.id and answer == "abort"
+                        yield Button(
+                            Text(word), name=answer, variant="error" if ends else "primary", compact=True
+                        )
             if not (asked.answers or self._readonly):
                 with Horizontal():
                     yield Input(placeholder="your answer, then enter", id="said", compact=True)
