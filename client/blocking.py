@@ -127,6 +127,7 @@ def _waits_for(
     def waits(self: Realm, /, *values: _P.args, **arguments: _P.kwargs) -> _T:
         return self.wait_for(method(self.behind, *values, **arguments))
 
+    waits.__qualname__ = f"Realm.{method.__name__}"  # what `print` and errors of arguments say
     return waits
 
 
