@@ -182,7 +182,7 @@ def trips(folder: Path, rounds: int, ground: Ground) -> None:
         start(__file__, "robots", roots["hall"], 1, on=on("hall")),
         start(__file__, "bare", address, certificate.certificate, on=on("hall")),
     ]
-    running += [start(__file__, "gateway", roots[one.name], one.folder, on=on(one.name)) for one in keys]
+    running += [start(__file__, "gateway", roots[site.name], site.folder, on=on(site.name)) for site in keys]
     near, far = (Mesh(Rendezvous("plant", roots[name])) for name in ("hall", "lab"))
     for mesh in (near, far):
         mesh.open()

@@ -46,7 +46,7 @@ class SetpointStatistics(msgspec.Struct):
     stale: int = 0
     """From an epoch that is over or not honest, or made for another life of the controller."""
     overtaken: int = 0
-    """Older than one already obeyed."""
+    """Setpoints that are older than one already obeyed."""
     refused: int = 0
     """Of an unknown kind, infinite, without a time to live, or out of the robot's limits."""
     ended: int = 0

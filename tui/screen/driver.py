@@ -40,7 +40,7 @@ class BoundedPaste(XTermParser):
     _room: int | None = None
     """Characters that the paste may still have; None: nothing is being pasted."""
     _last = ""
-    """What was read last: outside of a paste the begin of `BEGIN` may be in it; inside, that of `END`."""
+    """End of what was read: it may hold the first characters of `BEGIN`, or, in a paste, of `END`."""
 
     def feed(self, data: str) -> Iterable[Message]:
         """Read on; `data` is empty at the end."""

@@ -30,7 +30,7 @@ class UserDesk:
         """Begin with nothing; `app` shows it."""
         self._app = app
         self.errands: list[Errand] = []
-        """What was begun from here, the oldest first."""
+        """Errands that were begun on this screen, the oldest first."""
         self.carried: tuple[KnownAgent, ...] = ()
         """Robots that were taken along, where nobody is in the realm."""
         self.orders: tuple[Order, ...] = ()

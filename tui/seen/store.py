@@ -348,7 +348,7 @@ class Store:
 
     def take_late(self, late: Iterable[Held]) -> None:
         """Take the agents whose processes are late with their sign of life."""
-        self.late = frozenset(address.name for one in late if (address := shown_address(one.key)))
+        self.late = frozenset(address.name for agent in late if (address := shown_address(agent.key)))
 
     def take_elsewhere(self, elsewhere: Mapping[str, Elsewhere], now: float) -> None:
         """Take where robots of other sites are, and how old what is known of them is."""

@@ -54,7 +54,7 @@ class MemoryHub:
                 self.inject(topic, one)
 
     def inject(self, topic: str, body: bytes) -> None:
-        """Deliver something, whoever made it."""
+        """Deliver a message to all pipes, also one that no site has sent."""
         for pipe in list(self.pipes):
             pipe.take(topic, body)
 

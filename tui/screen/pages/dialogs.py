@@ -78,7 +78,7 @@ class Question(Modal[str]):
             question: the title.
             text: what one must know for it.
             *answers: what can be answered.
-            harmless: the word of what changes nothing.
+            harmless: the label of the button that changes nothing.
             outlived: returns why there is nothing to ask any more; empty: there is. The dialog closes then.
         """
         super().__init__()

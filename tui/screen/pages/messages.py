@@ -101,7 +101,7 @@ class MessagesPage(Page):
         note = self.query_one("#messages-note", CachedText)
         note.display = bool(watch and watch.note)
         note.show(Text(f" {seen(watch.note)}" if watch else "", tint(self.app, "warning")))
-        self.query_one("#messages-list", RowList).fill(Row(one.id, self._row(one)) for one in messages)
+        self.query_one("#messages-list", RowList).fill(Row(each.id, self._row(each)) for each in messages)
         message = self.chosen
         fields = list[Row]()
         if message is not None:

@@ -65,7 +65,7 @@ class QuestionDialog(Question):
         """Say so when somebody else has answered it, or its script has ended."""
         name, store = self._asked.robot, self.app.store
         robot = store.described(name)  # one that is slow to describe itself still asks
-        asked = robot is None or any(one.id == self._asked.id for one in questions_of(robot))
+        asked = robot is None or any(each.id == self._asked.id for each in questions_of(robot))
         return "" if asked and name in store.known else f"{name} asks that no more"
 
     @on(Input.Submitted)

@@ -176,7 +176,7 @@ class ReadingsPage(Page):
 
     def _draw_list(self) -> None:
         choices = self.query_one(RowList)
-        choices.fill(Row(one, self._row(one)) for one in self._wanted())
+        choices.fill(Row(reading, self._row(reading)) for reading in self._wanted())
         entitle(choices, "ticked, and of " + (seen(self.app.selection.name) or "no robot"))
         alarms = [one for one in self.app.store.watched.alarms.values() if one.state != "calm"]
         text = Text("\n").join(
