@@ -20,7 +20,7 @@ from tests.command_line import ROBOTREE
 def simulated(*words: str) -> Generator[str]:
     """The address of an arm, simulated in a process of its own.
 
-    It computes as long as it lives, so it must end with the tests of this folder, not with the session.
+    It computes as long as it lives, so it ends with the tests of one file.
     """
     command = [*ROBOTREE, "sim", "arm", "--listen", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -29,7 +29,7 @@ def simulated(*words: str) -> Generator[str]:
         process.terminate()
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def arm() -> Generator[str]:
     """An arm that hears everybody."""
     with simulated("tcp:127.0.0.1:0") as address:
@@ -44,7 +44,7 @@ class Guarded(NamedTuple):
     wrong: Path
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory) -> Generator[Guarded]:
     """Such an arm, its key, and another one."""
     folder = tmp_path_factory.mktemp("keys")
