@@ -81,14 +81,6 @@ class AssistantKeys:
             raise AssistantUnknown(detail=f"no assistant {name} has a key")
         self._write(kept)
 
-    def name_of(self, key: str) -> str:
-        """Return the assistant that has a key.
-
-        Raises:
-            AssistantUnknown: nobody has it, or it has ended.
-        """
-        return self.proved(key)[0]
-
     def proved(self, key: str) -> tuple[str, str]:
         """Return the assistant that has a key, and what is kept of the key: `good` tells later of both.
 

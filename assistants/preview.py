@@ -121,18 +121,12 @@ def straight(robot: RobotDescription, arguments: Mapping[str, Any]) -> tuple[Poi
     there = [arguments.get(axis) for axis in AXES]
     if here is None or not any(isinstance(each, int | float) for each in there):
         return ()
-    goal = [
-        float(given) if isinstance(given, int | float) else now
+    ways = [
+        [now + ((float(given) if isinstance(given, int | float) else now) - now) * step / (STEPS - 1)
+         for step in range(STEPS)]
         for given, now in zip(there, here, strict=True)
-    ]
-    return tuple(
-        (
-            here[0] + (goal[0] - here[0]) * step / (STEPS - 1),
-            here[1] + (goal[1] - here[1]) * step / (STEPS - 1),
-            here[2] + (goal[2] - here[2]) * step / (STEPS - 1),
-        )
-        for step in range(STEPS)
-    )
+    ]  # fmt: skip
+    return tuple(zip(*ways, strict=True))
 
 
 def drawn(path: Sequence[Point]) -> list[str]:
@@ -144,13 +138,11 @@ def drawn(path: Sequence[Point]) -> list[str]:
     scale = (WIDTH - 1) / span
     rows = min(HEIGHT, max(1, round((max(ys) - min(ys)) * scale / 2) + 1))
     grid = [[" "] * WIDTH for _ in range(rows)]
-    for number, (x, y, _) in enumerate(path):
-        column = min(WIDTH - 1, round((x - min(xs)) * scale))
-        row = min(rows - 1, round((max(ys) - y) * scale / 2))
-        grid[row][column] = "o" if number == 0 else "x" if number == len(path) - 1 else "·"
-    first = round((xs[0] - min(xs)) * scale), min(rows - 1, round((max(ys) - ys[0]) * scale / 2))
-    if grid[first[1]][min(WIDTH - 1, first[0])] != "x":
-        grid[first[1]][min(WIDTH - 1, first[0])] = "o"
+    for mark, points in (("·", path[1:-1]), ("o", path[:1]), ("x", path[-1:])):  # the end hides what is below
+        for x, y, _ in points:
+            column = min(WIDTH - 1, round((x - min(xs)) * scale))
+            row = min(rows - 1, round((max(ys) - y) * scale / 2))
+            grid[row][column] = mark
     head = (
         f"from above, {span:.2f} m wide, z {min(p[2] for p in path):.2f} to {max(p[2] for p in path):.2f} m:"
     )

@@ -9,13 +9,13 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 import msgspec
 
-from robotree.assistants.budget import Budget, Limited, Use
+from robotree.assistants.budget import Budget, Use
 from robotree.assistants.marking import data_of
 from robotree.files import alone, opened_own, private_folder, read, replace
 from robotree.vr.base.foreign import bounded
@@ -110,28 +110,6 @@ class Record:
         """Return what was used lately, by each process that has served the assistant."""
         with self._locked():
             return self._budget()
-
-    def use(
-        self,
-        amounts: Mapping[Limited, float],
-        check: Callable[[Budget, float], None] = lambda _budget, _now: None,
-    ) -> None:
-        """Note that something was used.
-
-        Args:
-            amounts: how much, by what.
-            check: takes the budget and the time [s since 1970] before; what it raises leaves all as it was.
-
-        Raises:
-            OSError: it cannot be kept.
-        """
-
-        def change(budget: Budget, now: float) -> None:
-            check(budget, now)
-            for kind, amount in amounts.items():
-                budget.use(kind, amount, now)
-
-        self.change(change)
 
     def change(self, change: Callable[[Budget, float], _Found]) -> _Found:
         """Change the budget while nobody else looks at it; it is in the file when this returns.

@@ -388,10 +388,11 @@ class Seat:
         """
         terms = self.terms
 
-        def check(budget: Budget, now: float) -> None:
+        def spend(budget: Budget, now: float) -> None:
             budget.expect("calls", terms, now, assistant=self.name)
+            budget.use("calls", 1.0, now)
 
-        self.record.use({"calls": 1.0}, check)
+        self.record.change(spend)
 
     # -- when it is gone --------------------------------------------------------------------------
 

@@ -69,12 +69,8 @@ _Context = ServerRequestContext[Any, Any]
 
 
 def _own_tool(
-    name: str,
-    description: str,
-    *needs: str,
-    takes: tuple[str, ...] = (),
-    hints: types.ToolAnnotations | None = None,
-) -> types.Tool:
+    name: str, description: str, *needs: str, takes: tuple[str, ...] = (), **hints: bool
+) -> dict[str, Any]:
     """Return a tool that belongs to no robot; its arguments, those that it needs and others, are texts."""
     text = {"type": "string", "maxLength": 80}
     schema = {
@@ -83,22 +79,22 @@ def _own_tool(
         "required": [*needs],
         "additionalProperties": False,
     }
-    return types.Tool(name=name, description=description, input_schema=schema, annotations=hints)
+    tool = {"name": name, "description": description, "inputSchema": schema}
+    return tool | ({"annotations": hints} if hints else {})
 
 
-_READS: Final = types.ToolAnnotations(read_only_hint=True)
 _OWN_TOOLS: Final = (
     _own_tool(
         "robotree_stop",
         "Protective stop of a robot and of those below it, or of all robots: at once, always allowed. Only a"
         " person can resume.",
         takes=("robot",),
-        hints=types.ToolAnnotations(idempotent_hint=True),
+        idempotentHint=True,
     ),
     _own_tool(
         "robotree_robots",
         "List the robots that you may see, with their state and readings.",
-        hints=_READS,
+        readOnlyHint=True,
     ),
     _own_tool(
         "robotree_permit",
@@ -116,7 +112,7 @@ _OWN_TOOLS: Final = (
         "Take a picture of a workspace.",
         "view",
         takes=("camera",),
-        hints=_READS,
+        readOnlyHint=True,
     ),
 )
 
@@ -202,7 +198,7 @@ class AssistantServer:
         """Return one page of tools as the protocol writes it: a tool is written once, not for each list."""
         tools = self.seat.tools()
         if self._listed[0] is not tools:
-            self._listed = tools, [*_WRITTEN, *map(_tool, tools.values())]
+            self._listed = tools, [*_OWN_TOOLS, *map(_tool, tools.values())]
         return _page(self._listed[1], cursor)
 
     async def _fill_list(self, ctx: _Context, call_next: Any) -> Any:
@@ -564,11 +560,6 @@ def _page(found: list[Any], cursor: str | None) -> tuple[list[Any], str | None]:
     return found[first:after], str(after) if after < len(found) else None
 
 
-def _written(model: types.Tool | types.ListToolsResult) -> dict[str, Any]:
-    """Return a part of an answer as the protocol writes it."""
-    return model.model_dump(by_alias=True, mode="json", exclude_none=True)
-
-
 def _tool(each: CommandTool) -> dict[str, Any]:
     """Return a tool as the protocol writes it."""
     return {
@@ -578,9 +569,6 @@ def _tool(each: CommandTool) -> dict[str, Any]:
         "inputSchema": each.schema,
         "annotations": _HINTS[each.spec.effect],
     }
-
-
-_WRITTEN: Final = [*map(_written, _OWN_TOOLS)]
 
 
 _HINTS: Final = {

@@ -185,9 +185,6 @@ class HttpFront:
 
     async def __call__(self, scope: _Scope, receive: _Receive, send: _Send) -> None:
         """Answer one request (ASGI 3)."""
-        if scope["type"] == "lifespan":
-            await _live(receive, send)
-            return
         if scope["type"] != "http":
             return
         if scope["path"] != PATH:
@@ -303,11 +300,3 @@ async def _say(send: _Send, status: int, text: str) -> None:
         headers.append((b"www-authenticate", b'Bearer realm="robotree"'))
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": text.encode()})
-
-
-async def _live(receive: _Receive, send: _Send) -> None:
-    while True:
-        message = await receive()
-        await send({"type": f"{message['type']}.complete"})
-        if message["type"] == "lifespan.shutdown":
-            return

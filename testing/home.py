@@ -9,9 +9,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
 from robotree.testing.journal import Journal
+from robotree.testing.parts import Stage
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import kept_by
 from robotree.vr.author.virtual_robot import VirtualRobot
@@ -29,27 +29,10 @@ _PAGE = KeptPage("", "")
 """It is made again of its class, not of a source."""
 
 
-class Rehearsal(Protocol):
-    """The interface of a rehearsal that a home uses."""
-
-    @property
-    def journal(self) -> Journal:
-        """The commands of all robots."""
-        ...
-
-    def threads(self, process: SimulatedProcess, journal: _Both) -> Process:
-        """Return what carries the commands of a simulated process out."""
-        ...
-
-    def lives(self, path: str, agent: RobotAgent) -> None:
-        """Take note that a robot can be called."""
-        ...
-
-
 class Home:
     """See the module."""
 
-    def __init__(self, team: Rehearsal, path: str, make: Callable[[], VirtualRobot]) -> None:
+    def __init__(self, team: Stage, path: str, make: Callable[[], VirtualRobot]) -> None:
         """Begin with an empty disk.
 
         Args:

@@ -14,8 +14,9 @@ from robotree.vr.author.virtual_robot import VirtualRobot
 if TYPE_CHECKING:
     from collections.abc import Coroutine
 
-    from robotree.testing.journal import Step
+    from robotree.testing.journal import Journal, Step
     from robotree.vr.agents.agent import RobotAgent
+    from robotree.vr.running.process import Journal as EventJournal
     from robotree.vr.running.process import Process
     from robotree.vr.world.world import SimulatedProcess, World
 
@@ -50,6 +51,8 @@ class Stage(Protocol):
     """The interface of a rehearsal that a part uses."""
 
     world: World
+    journal: Journal
+    """The commands of all robots."""
     mistake: Exception | None
     """The error that a function of the test itself has raised."""
 
@@ -79,8 +82,8 @@ class Stage(Protocol):
         """Make a robot of a page, let it live, and those that are meant for its slots."""
         ...
 
-    def threads(self, process: SimulatedProcess) -> Process:
-        """Return what carries the commands of a simulated process out, and writes them down."""
+    def threads(self, process: SimulatedProcess, journal: EventJournal | None = None) -> Process:
+        """Return what carries the commands of a simulated process out, and writes them down; see `Team`."""
         ...
 
     def lives(self, path: str, agent: RobotAgent) -> None:

@@ -147,7 +147,7 @@ async def mcp(line: Line, realm: str) -> int:
     if not port:
         if not key:
             raise AssistantUnknown(detail=f"no key is in ${KEY}, and without one nobody is served over stdio")
-        keys.name_of(key)  # nobody joins anything before that
+        keys.proved(key)  # nobody joins anything before that
     if not anybody_met(realm):
         raise nothing_to_ask(realm)
     async with _floor(line, realm) as floor:

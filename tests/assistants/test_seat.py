@@ -28,18 +28,19 @@ def test_what_was_used_counts_for_its_time_whatever_the_clock_does(tmp_path: Pat
     assert budget.left("metres", terms, 1e6) == 0.5
     assert budget.left("metres", terms, 1e6 + 500 + 3600) == 3.0
 
-    def check(found: Budget, at: float) -> None:
+    def spend(found: Budget, at: float) -> None:
         found.expect("calls", terms, at, assistant="claude")
+        found.use("calls", 1.0, at)
 
     for _ in range(2):
-        Record(tmp_path, "claude", lambda: now[0]).use({"calls": 1.0}, check)
+        Record(tmp_path, "claude", lambda: now[0]).change(spend)
     again = Record(tmp_path, "claude", lambda: now[0])  # a server that is started anew
     with pytest.raises(BudgetSpent, match="calls") as spent:
-        again.use({"calls": 1.0}, check)
+        again.change(spend)
     assert spent.value.data["seconds"] == 60
-    Record(tmp_path, "other", lambda: now[0]).use({"calls": 1.0}, check)
+    Record(tmp_path, "other", lambda: now[0]).change(spend)
     now[0] += 60.0
-    again.use({"calls": 1.0}, check)
+    again.change(spend)
 
 
 def test_many_uses_are_a_short_list_and_none_is_forgotten_early() -> None:
@@ -74,7 +75,7 @@ async def test_its_commands_run_as_long_as_its_seconds_go(hall: Hall) -> None:
     assert await going.wait(PATIENCE)
     assert going.error is not None
     assert hall.seat.record.budget().left("seconds", hall.seat.terms, time.time()) < 0.5
-    hall.seat.record.use({"seconds": 0.5})
+    hall.seat.record.change(lambda budget, now: budget.use("seconds", 0.5, now))
     with pytest.raises(BudgetSpent, match="seconds of motion"):
         await hall.walk(0.01)
 
@@ -157,16 +158,20 @@ def test_what_is_used_is_one_line_each_and_is_written_anew_when_it_is_long(
 ) -> None:
     monkeypatch.setattr(record, "LONGEST_LOG", 1000)
     here, there = Record(tmp_path, "claude", lambda: 1e6), Record(tmp_path, "claude", lambda: 1e6)
+
+    def move(budget: Budget, now: float) -> None:
+        budget.use("metres", 1.0, now)
+
     path, sizes = tmp_path / "assistants" / "claude.used.json", list[int]()
     for number in range(40):
-        (here if number % 3 else there).use({"metres": 1.0})
+        (here if number % 3 else there).change(move)
         here.sync()
         sizes.append(path.stat().st_size)
     assert max(sizes) <= 1000
     assert here.budget().used("metres", 1e6) == there.budget().used("metres", 1e6) == 40
     assert Record(tmp_path, "claude", lambda: 1e6).budget().used("metres", 1e6) == 40
     path.write_bytes(msgspec.json.encode([Use(1e6, "metres", 2.0)]))  # as earlier versions wrote it
-    here.use({"metres": 1.0})
+    here.change(move)
     assert there.budget().used("metres", 1e6) == 3
 
 

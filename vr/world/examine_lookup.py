@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import contextlib
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from typing import Protocol
 
 import msgspec
@@ -101,110 +102,102 @@ class _Asker:
         return [listing for listing, _ in found.listings]
 
 
-async def what_is_registered_is_found(join: Join, open_service: Open) -> None:
-    """By every template that it matches, and by no other, until it is withdrawn."""
+@contextlib.asynccontextmanager
+async def _service_of(join: Join, open_service: Open) -> AsyncGenerator[_Asker]:
+    """Open a service and yield who asks it, from another member of the network."""
     far, near = await join(), await join()
     service = await open_service(near, "lookup-1")
     await _until_seen(far, service)
-    asker = _Asker(far, service)
-    await far.announce(ARM.address.key)
-    granted = (await asker.register(ARM)).term
-    promise(0 < granted <= 10, "a lease is granted for at most what was asked for")
-    for template in MATCHING:
-        promise(await asker.find(template) == [ARM], f"{template} finds what matches it")
-    for template in OTHERS:
-        promise(await asker.find(template) == [], f"{template} finds nothing else")
-    await asker.withdraw(ARM.address, 2)
-    promise(await asker.find() == [], "what was withdrawn is not found")
-    refused = (await asker.register(ARM)).outdated
-    promise(refused == ((ARM.address, 2),), "a late request is refused, with the revision that is known")
-    promise(await asker.find() == [], "a late request does not bring back what was withdrawn")
+    yield _Asker(far, service)
     await _close(service, far, near)
+
+
+async def what_is_registered_is_found(join: Join, open_service: Open) -> None:
+    """By every template that it matches, and by no other, until it is withdrawn."""
+    async with _service_of(join, open_service) as asker:
+        await asker.transport.announce(ARM.address.key)
+        granted = (await asker.register(ARM)).term
+        promise(0 < granted <= 10, "a lease is granted for at most what was asked for")
+        for template in MATCHING:
+            promise(await asker.find(template) == [ARM], f"{template} finds what matches it")
+        for template in OTHERS:
+            promise(await asker.find(template) == [], f"{template} finds nothing else")
+        await asker.withdraw(ARM.address, 2)
+        promise(await asker.find() == [], "what was withdrawn is not found")
+        refused = (await asker.register(ARM)).outdated
+        promise(refused == ((ARM.address, 2),), "a late request is refused, with the revision that is known")
+        promise(await asker.find() == [], "a late request does not bring back what was withdrawn")
 
 
 async def changes_are_told(join: Join, open_service: Open) -> None:
     """Arrival, change and withdrawal, each once; who is dead, presence tells."""
-    far, near = await join(), await join()
-    service = await open_service(near, "lookup-1")
-    await _until_seen(far, service)
-    asker = _Asker(far, service)
-    await asker.listen()
-    changed = msgspec.structs.replace(ARM, revision=2, doc="changed")
-    for listing in (ARM, ARM, changed):
-        await asker.register(listing)
-    await until(lambda: asker.news == [Listed(listing=ARM), Listed(listing=changed)], "renewals are no news")
-    await asker.withdraw(ARM.address, 3)
-    withdrawn = Unlisted(address=ARM.address, revision=3)
-    await until(lambda: asker.news[2:] == [withdrawn], "a withdrawal is told with its revision")
-    await _close(service, far, near)
+    async with _service_of(join, open_service) as asker:
+        await asker.listen()
+        changed = msgspec.structs.replace(ARM, revision=2, doc="changed")
+        for listing in (ARM, ARM, changed):
+            await asker.register(listing)
+        await until(
+            lambda: asker.news == [Listed(listing=ARM), Listed(listing=changed)], "renewals are no news"
+        )
+        await asker.withdraw(ARM.address, 3)
+        withdrawn = Unlisted(address=ARM.address, revision=3)
+        await until(lambda: asker.news[2:] == [withdrawn], "a withdrawal is told with its revision")
 
 
 async def silence_ends_a_lease(join: Join, open_service: Open) -> None:
     """Also of an agent whose presence nobody sees."""
-    far, near = await join(), await join()
-    service = await open_service(near, "lookup-1")
-    await _until_seen(far, service)
-    asker = _Asker(far, service)
-    await asker.listen()
-    term = (await asker.register(ARM, term=0.01)).term
-    promise(await asker.find() == [ARM], "a lease lasts for a while, whatever was asked for")
-    await asyncio.sleep(term + 0.2)
-    promise(await asker.find() == [], "a lease that nobody renews ends")
-    lost = Unlisted(address=ARM.address, revision=0)
-    await until(lambda: asker.news[1:] == [lost], "the end of a lease is told")
-    await _close(service, far, near)
+    async with _service_of(join, open_service) as asker:
+        await asker.listen()
+        term = (await asker.register(ARM, term=0.01)).term
+        promise(await asker.find() == [ARM], "a lease lasts for a while, whatever was asked for")
+        await asyncio.sleep(term + 0.2)
+        promise(await asker.find() == [], "a lease that nobody renews ends")
+        lost = Unlisted(address=ARM.address, revision=0)
+        await until(lambda: asker.news[1:] == [lost], "the end of a lease is told")
 
 
 async def all_listings_of_a_process_depend_on_one_lease(join: Join, open_service: Open) -> None:
     """An empty request renews it; the answer says how many listings depend on it."""
-    far, near = await join(), await join()
-    service = await open_service(near, "lookup-1")
-    await _until_seen(far, service)
-    asker = _Asker(far, service)
-    count = (await asker.register(ARM, ROVER, term=1.0)).count
-    promise(count == 2, "the answer counts all that depend on the lease")
-    promise((await asker.register(term=60.0)).count == 2, "a renewal names none of them")
-    await asker.register(OTHER, term=0.01, holder="process-2")
-    await asyncio.sleep(1.2)
-    promise(await asker.find() == [ARM, ROVER], "a renewal holds all of its process, and nobody else's")
-    lost = (await asker.register(holder="process-2")).count
-    promise(lost == 0, "who has lost its lease sees it by the count")
-    answer = await asker.register(withdrawn=((ARM.address, 2),))
-    promise(answer.count == 1, "a withdrawal takes one listing from the lease")
-    promise(await asker.find() == [ROVER], "and leaves the others")
-    await _close(service, far, near)
+    async with _service_of(join, open_service) as asker:
+        count = (await asker.register(ARM, ROVER, term=1.0)).count
+        promise(count == 2, "the answer counts all that depend on the lease")
+        promise((await asker.register(term=60.0)).count == 2, "a renewal names none of them")
+        await asker.register(OTHER, term=0.01, holder="process-2")
+        await asyncio.sleep(1.2)
+        promise(await asker.find() == [ARM, ROVER], "a renewal holds all of its process, and nobody else's")
+        lost = (await asker.register(holder="process-2")).count
+        promise(lost == 0, "who has lost its lease sees it by the count")
+        answer = await asker.register(withdrawn=((ARM.address, 2),))
+        promise(answer.count == 1, "a withdrawal takes one listing from the lease")
+        promise(await asker.find() == [ROVER], "and leaves the others")
 
 
 async def a_late_one_fills_itself(join: Join, open_service: Open) -> None:
     """From those who are there, before anybody can see it."""
-    far, near, late = await join(), await join(), await join()
-    service = await open_service(near, "lookup-1")
-    await _until_seen(far, service)
-    await far.announce(ARM.address.key)
-    await _Asker(far, service).register(ARM, term=5)
-    latecomer = await open_service(late, "lookup-2")
-    await _until_seen(far, latecomer)
-    found = await ask(far, latecomer.address.key, Query(), Found, timeout=5)
-    promise([listing for listing, _ in found.listings] == [ARM], "a late one has what the others have")
-    promise(0 < found.listings[0][1] <= 5, "and for no longer than they")
-    await _close(service, latecomer, far, near, late)
+    async with _service_of(join, open_service) as asker:
+        late = await join()
+        await asker.transport.announce(ARM.address.key)
+        await asker.register(ARM, term=5)
+        latecomer = await open_service(late, "lookup-2")
+        await _until_seen(asker.transport, latecomer)
+        found = await ask(asker.transport, latecomer.address.key, Query(), Found, timeout=5)
+        promise([listing for listing, _ in found.listings] == [ARM], "a late one has what the others have")
+        promise(0 < found.listings[0][1] <= 5, "and for no longer than they")
+        await _close(latecomer, late)
 
 
 async def nonsense_is_refused(join: Join, open_service: Open) -> None:
     """With an error that travels; the service goes on."""
-    far, near = await join(), await join()
-    service = await open_service(near, "lookup-1")
-    await _until_seen(far, service)
-    try:
-        await ask(far, service.address.key, DescribeHost(), HostDescribed, timeout=5)
-    except VrError:
-        pass
-    else:
-        promise(False, "what it cannot answer is refused")
-    replies = [body async for body in far.request(service.address.key, b"\xff nonsense", timeout=5)]
-    promise(len(replies) == 1, "what cannot be read is refused too")
-    promise(await _Asker(far, service).find() == [], "it goes on")
-    await _close(service, far, near)
+    async with _service_of(join, open_service) as asker:
+        try:
+            await ask(asker.transport, asker.key, DescribeHost(), HostDescribed, timeout=5)
+        except VrError:
+            pass
+        else:
+            promise(False, "what it cannot answer is refused")
+        replies = [body async for body in asker.transport.request(asker.key, b"\xff nonsense", timeout=5)]
+        promise(len(replies) == 1, "what cannot be read is refused too")
+        promise(await asker.find() == [], "it goes on")
 
 
 LOOKUP_CHECKS: tuple[Callable[[Join, Open], Awaitable[None]], ...] = (
