@@ -104,15 +104,6 @@ class AssistantKeys:
         kept = self.all().get(name)
         return kept is not None and hmac.compare_digest(kept.hash, proof) and self._unix() < kept.ends
 
-    def proof_of(self, name: str) -> str:
-        """Return what is kept of the key that an assistant has now; empty: it has none.
-
-        Raises:
-            AssistantUnknown: the keys cannot be read.
-        """
-        kept = self.all().get(name)
-        return "" if kept is None else kept.hash
-
     def _write(self, kept: Mapping[str, AssistantKey]) -> None:
         replace(self._path, msgspec.json.format(msgspec.json.encode(kept)))
 

@@ -148,11 +148,10 @@ class Going:
 class Seat:
     """One assistant, from its first request to its end."""
 
-    def __init__(self, name: str, floor: Floor, proof: str = "") -> None:
-        """Take its name, which its key has proved, and what is kept of that key; empty: it has it now."""
+    def __init__(self, floor: Floor, name: str, proof: str) -> None:
+        """Take its name, which its key has proved, and what is kept of that key."""
         self.name, self.floor = name, floor
-        self._keys = AssistantKeys(floor.rehearses_for or floor.folder)
-        self._proof = proof or self._keys.proof_of(name)
+        self._keys, self._proof = AssistantKeys(floor.rehearses_for or floor.folder), proof
         self.record = Record(floor.folder, name)
         self.going: dict[str, Going] = {}
         self.open = 0

@@ -68,9 +68,9 @@ async def floor_of(
 
 
 @contextlib.asynccontextmanager
-async def seated(name: str, floor: Floor, proof: str = "") -> AsyncGenerator[AssistantServer]:
+async def seated(name: str, floor: Floor, proof: str) -> AsyncGenerator[AssistantServer]:
     """Serve an assistant for the time of a block; its commands end with it, or do what the policy says."""
-    seat = Seat(name, floor, proof)
+    seat = Seat(floor, name, proof)
     await seat.start()
     seat.record.write("came")
     try:

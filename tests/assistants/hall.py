@@ -128,9 +128,8 @@ class Hall:
         self.agent = await self.bring(stack, self.cart)
         await until(lambda: bool(self.realm_client.robots()), "it is listed")
         self.rule()
-        self.keys.invite("claude")
         self.floor = await stack.enter_async_context(floor_of(self.realm_client, self.folder))
-        self.seat = Seat("claude", self.floor)
+        self.seat = Seat(self.floor, *self.keys.proved(self.keys.invite("claude")))
         await self.seat.start()
         stack.push_async_callback(self.seat.close)
 

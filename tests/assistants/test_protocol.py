@@ -72,8 +72,7 @@ async def test_a_hostile_assistant_reaches_no_robot(hall: Hall, carts: dict[str,
         assert "was stopped since" in text(late)
     assert len([each for each in hall.seat.record.entries() if each.became == "refused"]) >= 5
     # another assistant sees nothing of it
-    hall.keys.invite("other")
-    other = Seat("other", hall.floor)
+    other = Seat(hall.floor, *hall.keys.proved(hall.keys.invite("other")))
     await other.start()
     async with client_of(other) as client:
         assert {t.name for t in (await client.list_tools()).tools if "__" in t.name} == set()
