@@ -20,6 +20,7 @@ from robotree.tui.processes.ending import LAST_WORDS
 from tests.command_line import ROBOTREE, within_realm
 from tests.scenarios.test_crew import children, ended, is_running
 from tests.soak.observer import holds
+from tests.waiting import until
 
 pytestmark = pytest.mark.e2e
 
@@ -27,19 +28,23 @@ REALM = "held"
 robotree = within_realm(REALM)
 PAGE = '''
 """Greedy: holds the interpreter."""
+import ctypes
 import os
-import re
 import signal
 import time
+from pathlib import Path
 from robotree.vr import VirtualRobot, command
 
 class Greedy(VirtualRobot):
-    """Computes in C."""
+    """Stays in C."""
 
     @command
-    def hold(self, letters: int = 32) -> None:
-        """Match for long: twice as long for each letter, 5 s with 26."""
-        re.match(r"(a+)+$", "a" * letters + "b")
+    def hold(self) -> None:
+        """Take a lock a second time, and wait for it in vain, with the interpreter held: for ever."""
+        libc, lock = ctypes.PyDLL(None), ctypes.create_string_buffer(64)
+        libc.pthread_mutex_lock(lock)
+        Path(os.environ["XDG_RUNTIME_DIR"], f"held-{os.getpid()}").touch()
+        libc.pthread_mutex_lock(lock)
 
     @command(effect="read")
     def count(self) -> int:
@@ -75,28 +80,22 @@ async def crew(place: Path) -> AsyncIterator[Crew]:
             os.kill(int(pid), signal.SIGKILL)
 
 
-def cpu(pid: int) -> float:
-    """[s] that a process has computed."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 @contextlib.asynccontextmanager
 async def held(pid: int, robot: str = "greedy") -> AsyncIterator[None]:
-    """Hold the interpreter of a host: it computes, and its network thread gives no sign of life."""
-    beat = next((Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / REALM).glob(f"{pid}-*.beat"))
+    """Hold the interpreter of a host: its network thread gives no sign of life."""
+    runtime = Path(os.environ["XDG_RUNTIME_DIR"])
+    beat = next((runtime / "robotree" / REALM).glob(f"{pid}-*.beat"))
     caller = await asyncio.create_subprocess_exec(
         *(*ROBOTREE, "call", f"{robot}.hold", "--realm", REALM),
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.DEVNULL,
     )
     try:
+        await until((runtime / f"held-{pid}").exists)
+        sign = b""
         async with asyncio.timeout(60):
-            while True:
-                sign, computed = beat.read_bytes(), cpu(pid)
+            while sign != (sign := beat.read_bytes()):
                 await asyncio.sleep(1.2)  # more than two beats
-                if beat.read_bytes() == sign and cpu(pid) - computed > 0.3:
-                    break
         yield
     finally:
         with contextlib.suppress(ProcessLookupError):
