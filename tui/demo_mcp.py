@@ -232,12 +232,13 @@ async def _why(realm_client: RealmClient) -> str:
     return str(found)
 
 
-async def demo(*, headless: bool, realm: str, readonly: bool, key: str) -> int:
+async def demo(*, headless: bool, realm: str, speedup: str, readonly: bool, key: str) -> int:
     """Play the demo in a realm of its own, and leave nothing of it.
 
     Args:
         headless: without a person.
         realm: in which, if it has no policy; empty: one that nobody else uses.
+        speedup: seconds of the simulated world in a second.
         readonly: whether the screen leaves out all that changes robots.
         key: of all links.
 
@@ -254,7 +255,7 @@ async def demo(*, headless: bool, realm: str, readonly: bool, key: str) -> int:
     try:
         await asyncio.to_thread(story.rule, realm)
         return await stage.demo(
-            story, headless=headless, realm=realm, readonly=readonly, key=key, apart=False
+            story, headless=headless, realm=realm, speedup=speedup, readonly=readonly, key=key, apart=False
         )
     finally:
         story.close(realm)

@@ -62,7 +62,7 @@ def _story(line: Line, story: str, how: dict[str, Any]) -> Coroutine[Any, Any, i
     if story == names.MCP:
         from robotree.tui import demo_mcp
 
-        return demo_mcp.demo(**how)
+        return demo_mcp.demo(speedup=line.text("--speedup", "1"), **how)
     from robotree.tui import demo as stage
     from robotree.tui import demo_crash
 

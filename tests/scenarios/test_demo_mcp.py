@@ -13,7 +13,6 @@ import pytest
 from tests.command_line import ROBOTREE
 
 
-@pytest.mark.speed  # half a minute of simulated motion, which other tests beside it would stretch
 @pytest.mark.e2e
 @pytest.mark.timeout(400)
 def test_an_assistant_closes_the_lever_with_one_permit_and_does_nothing_else() -> None:
@@ -23,7 +22,7 @@ def test_an_assistant_closes_the_lever_with_one_permit_and_does_nothing_else() -
             (Path(name) / part).mkdir(mode=0o700)
             home[variable] = str(Path(name) / part)
         played = subprocess.run(
-            (*ROBOTREE, "demo", "mcp", "--headless"),
+            (*ROBOTREE, "demo", "mcp", "--headless", "--speedup", "4"),
             env={**os.environ, **home},
             capture_output=True,
             text=True,

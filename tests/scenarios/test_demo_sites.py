@@ -16,7 +16,7 @@ from tests.command_line import robotree
 @pytest.mark.timeout(400)
 @pytest.mark.usefixtures("place")
 def test_the_lever_is_closed_from_another_site_while_the_hub_between_them_is_killed() -> None:
-    played = robotree("demo", "sites", "--headless", "--delay", "150", "--speedup", "2", within=300)
+    played = robotree("demo", "sites", "--headless", "--delay", "150", "--speedup", "4", within=300)
     assert played.returncode == exit_codes.DONE, played.stdout[-2000:] + played.stderr[-2000:]
     verdict = json.loads(played.stdout.splitlines()[-1])
     assert verdict["ok"] is True

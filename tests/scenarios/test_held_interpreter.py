@@ -92,10 +92,13 @@ async def held(pid: int, robot: str = "greedy") -> AsyncIterator[None]:
     )
     try:
         await until((runtime / f"held-{pid}").exists)
-        sign = b""
-        async with asyncio.timeout(60):
-            while sign != (sign := beat.read_bytes()):
-                await asyncio.sleep(1.2)  # more than two beats
+
+        async def silent() -> bool:
+            sign = beat.read_bytes()
+            await asyncio.sleep(1.2)  # more than two beats
+            return sign == beat.read_bytes()
+
+        await until(silent)
         yield
     finally:
         with contextlib.suppress(ProcessLookupError):
