@@ -7,7 +7,7 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -81,7 +81,7 @@ async def crew(place: Path) -> AsyncIterator[Crew]:
 
 
 @contextlib.asynccontextmanager
-async def held(pid: int, robot: str = "greedy") -> AsyncIterator[None]:
+async def held(pid: int, robot: str = "greedy") -> AsyncGenerator[None]:
     """Hold the interpreter of a host: its network thread gives no sign of life."""
     runtime = Path(os.environ["XDG_RUNTIME_DIR"])
     beat = next((runtime / "robotree" / REALM).glob(f"{pid}-*.beat"))

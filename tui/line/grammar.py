@@ -98,6 +98,7 @@ class Line(NamedTuple):
         return self.values.get(name) is True
 
 
+@cache
 def verb(usage: str) -> str:
     """Return the lower-case words with which a usage string begins."""
     words = takewhile(str.islower, usage.split())
