@@ -17,6 +17,7 @@ from functools import partial
 import msgspec
 
 from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.newest import keep_newest
 from robotree.vr.base.pattern import Handlers, Keys
 
 LOOK = 0.05
@@ -215,9 +216,7 @@ class Presence:
         with self._lock:
             self._left.pop(key, None)
             if left:
-                self._left[key] = None
-                while len(self._left) > LEAVES:
-                    del self._left[next(iter(self._left))]
+                keep_newest(self._left, key, None, LEAVES)
             if (self._keys.add if there else self._keys.remove)(key):
                 self.revision += 1
                 for tell in self._watches.of(key):

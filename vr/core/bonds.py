@@ -52,6 +52,7 @@ from robotree.vr.base.errors import (
     SlotOccupied,
     StaleEpoch,
 )
+from robotree.vr.base.newest import keep_newest
 from robotree.vr.base.principal import ITSELF, Principal
 
 
@@ -274,9 +275,7 @@ class GrantedLease(msgspec.Struct, kw_only=True):
         """
         if not key:  # of somebody who gave it none: it cannot be known again
             return None
-        self.retracted[key] = None
-        while len(self.retracted) > MOST_RETRACTED:
-            del self.retracted[next(iter(self.retracted))]
+        keep_newest(self.retracted, key, None, MOST_RETRACTED)
         held = self.current
         if held is None or not held.of(parent, principal) or held.petition != key:
             return None

@@ -190,13 +190,9 @@ class RobotControl(msgspec.Struct, kw_only=True):
         if self.asks.person == asker.person:
             self.asks = NOBODY
             return
-        self.expect_holder(robot, asker)
-        self._give_up(now, unix)
-
-    def expect_holder(self, robot: str, asker: Operator) -> None:
-        """Refuse somebody who has not got it while another one has."""
         if self.holder.person not in {"", asker.person}:
             raise HeldByOperator(robot=robot, holder=self.holder.person)
+        self._give_up(now, unix)
 
     def lose(self, agent: str, now: float, unix: float) -> bool:
         """Take note that a program has gone: its person loses what was theirs, and nothing else.

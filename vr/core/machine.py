@@ -37,6 +37,7 @@ from robotree.vr.base.errors import (
     UnderWay,
     VrError,
 )
+from robotree.vr.base.newest import keep_newest
 from robotree.vr.base.principal import ITSELF, Principal
 from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core import events as on
@@ -221,9 +222,7 @@ class Calls(msgspec.Struct, kw_only=True):
         if lowest <= self.lowest.get(source, 0):
             return
         self.lowest.pop(source, None)
-        self.lowest[source] = lowest
-        while len(self.lowest) > MOST_CALLERS:
-            del self.lowest[next(iter(self.lowest))]
+        keep_newest(self.lowest, source, lowest, MOST_CALLERS)
         over = [key for key, call in self.ended.items() if call.source == source and call.number < lowest]
         for key in over:
             del self.ended[key]
@@ -239,9 +238,7 @@ class Calls(msgspec.Struct, kw_only=True):
         key = ended.key
         del self.live[key]
         if not (ended.source and self.late(ended.source, ended.number)):
-            self.ended[key] = ended
-            while len(self.ended) > MOST_KEPT:
-                del self.ended[next(iter(self.ended))]
+            keep_newest(self.ended, key, ended, MOST_KEPT)
         if ended.reads:
             self.readers -= 1
         elif self.running != key:
@@ -258,9 +255,7 @@ class Calls(msgspec.Struct, kw_only=True):
     def refuse(self, key: str, reason: str, by: str = "") -> None:
         """Note that a call which has not come must not begin; `by`: if it comes from this agent."""
         if key not in self.ended:
-            self.cancelled[f"{by} {key}" if by else key] = reason
-            while len(self.cancelled) > MOST_KEPT:
-                del self.cancelled[next(iter(self.cancelled))]
+            keep_newest(self.cancelled, f"{by} {key}" if by else key, reason, MOST_KEPT)
 
     # -- queries ----------------------------------------------------------------------------------
 
@@ -480,9 +475,7 @@ class RobotCore:
 
     def _finish(self, event: on.Finish, now: float) -> Effects:
         call = self.state.calls.live.get(event.key)
-        if call is None:
-            return []
-        return self._settle(call, event.reply, now)
+        return [] if call is None else self._settle(call, event.reply, now)
 
     def _settle(self, call: AcceptedCall, reply: Returned | Raised, now: float) -> Effects:
         if call.cause is not None and isinstance(reply, Raised):
@@ -900,8 +893,7 @@ class RobotCore:
         if bond is None:
             return []
         bond.description = event.description
-        renewal = _renew(event.slot, bond, now)  # else the child believes that its parent knows less
-        return [renewal]
+        return [_renew(event.slot, bond, now)]  # else the child believes that its parent knows less
 
     # -- what it keeps ----------------------------------------------------------------------------
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import msgspec
 
+from robotree.vr.base.newest import keep_newest
+
 MOST_LET = 64
 """Steps let through that are remembered; an older one that has not begun waits again."""
 
@@ -42,9 +44,7 @@ class PauseState(msgspec.Struct, kw_only=True):
 
     def pass_one(self, step: str) -> None:
         """Let the step of a key pass."""
-        self.let[step] = None
-        while len(self.let) > MOST_LET:
-            del self.let[next(iter(self.let))]
+        keep_newest(self.let, step, None, MOST_LET)
 
     def end(self) -> None:
         """Let all go on."""

@@ -165,7 +165,9 @@ class PlaceWatch:
         after, best = min(costs, key=lambda one: (one[0], one[1].load.running, one[1].name))
         saved = before - after
         if saved < max(GAIN, SHARE * before):
-            return self._well(_best_here(here, best, before, after), saved)
+            times = f"{before:.3f} s of each second go by on the way here, {after:.3f} s there"
+            nobody = f"no host is clearly better than {here.name}, the next one is {best.name}"
+            return self._well(f"{nobody}: {times}", saved)
         return self._better_at(best, robot, _reason(robot, here, best, before, after), saved, now)
 
     def refused(self, host: str, now: float) -> None:
@@ -252,9 +254,3 @@ def _left_alone(robot: PlacedRobot) -> str:
     if sum(partner.calls for partner in robot.partners) < RARE:
         return "it has too little to do with others for a place to matter"
     return ""
-
-
-def _best_here(here: HostSeen, best: HostSeen, before: float, after: float) -> str:
-    """Return why it stays, as a sentence."""
-    times = f"{before:.3f} s of each second go by on the way here, {after:.3f} s there"
-    return f"no host is clearly better than {here.name}, the next one is {best.name}: {times}"

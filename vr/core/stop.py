@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import msgspec
 
 from robotree.vr.base.errors import NotConfirmed
+from robotree.vr.base.newest import keep_newest
 from robotree.vr.base.requests import Done, Raised
 from robotree.vr.core.confirmation import Confirmations
 
@@ -84,9 +85,7 @@ class Stop(msgspec.Struct, kw_only=True):
         self.moment = now
         self.reason = self.latest = reason
         if order:
-            self.orders[order] = self.generation
-            while len(self.orders) > MOST_ORDERS:
-                del self.orders[next(iter(self.orders))]
+            keep_newest(self.orders, order, self.generation, MOST_ORDERS)
         self._forget()
         self.parts[self.generation] = {part: StopPart(name) for part, name in parts.items()}
         return self.generation

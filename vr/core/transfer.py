@@ -19,6 +19,8 @@ from typing import Literal
 
 import msgspec
 
+from robotree.vr.base.newest import keep_newest
+
 Phase = Literal["preparing", "writing", "freezing", "out", "gone", "back"]
 
 BEFORE: tuple[Phase, ...] = ("preparing", "writing", "freezing")
@@ -222,7 +224,7 @@ class Destination:
         if transfer not in self.ready:
             return self._never(transfer)
         del self.ready[transfer]
-        self._note(self.taken, transfer)
+        keep_newest(self.taken, transfer, None, MOST_REMEMBERED)
         return [WriteTaken(), BeginHere(), SayDecision(taken=True)]
 
     def ask(self, transfer: str) -> list[DestinationEffect]:
@@ -239,11 +241,5 @@ class Destination:
         self.ready.pop(transfer, None)
         if transfer in self.never:
             return [SayDecision(taken=False)]
-        self._note(self.never, transfer)
+        keep_newest(self.never, transfer, None, MOST_REMEMBERED)
         return [WriteNever(), SayDecision(taken=False)]
-
-    @staticmethod
-    def _note(known: dict[str, None], transfer: str) -> None:
-        known[transfer] = None
-        while len(known) > MOST_REMEMBERED:
-            del known[next(iter(known))]
