@@ -751,12 +751,12 @@ def _in_doubt(activity: CommandActivity, reason: str) -> CommandInDoubt:
 
 def _cannot_go_on(activity: CommandActivity, command: Command | None) -> VrError | None:
     """Return why a command that was interrupted cannot go on; None: it can."""
-    recall, forgotten = activity.run.recall or {}, activity.runtime.has_forgotten(activity.call_key)
+    recall, key = activity.run.recall or {}, activity.call_key
     if command is not None and command.resumption.policy == "abort":
         reason = "its page says resume='abort'"
     elif any(path.endswith(on.THREAD) for path in recall):
         reason = "it used a thread of its page's own, whose steps are not kept"
-    elif forgotten:
+    elif activity.runtime.look(lambda state: state.calls.live[key].forgotten):
         reason = "it took more steps than are kept, without self.checkpoint()"
     else:
         return None
@@ -800,10 +800,6 @@ def _reply(
     return raised(name, context, error, source=runtime.source_of(context.command))
 
 
-_SMALL = range(-(2**63), 2**63)
-"""Whole numbers that MessagePack can write."""
-
-
 def _kept_look(value: Any) -> on.StepResult:
     if isinstance(value, list):  # of the numbers of the members of a group
         numbers = list(cast("Iterable[Any]", value))
@@ -815,10 +811,9 @@ def _kept_look(value: Any) -> on.StepResult:
 
 def _is_plain(value: Any) -> bool:
     """Whether a value that was looked at can be kept as it is."""
-    small = (
-        isinstance(value, int) and value in _SMALL
-    )  # of anything else a range would search all its numbers
-    return small or isinstance(value, (float, str, bytes, type(None)))
+    if isinstance(value, int):
+        return -(2**63) <= value < 2**63  # those that MessagePack can write
+    return isinstance(value, (float, str, bytes, type(None)))
 
 
 def _never() -> bool:

@@ -100,7 +100,7 @@ def call_child(  # who calls whom, how, and for how long
         if frame.replay is not None:
             if (step := frame.recalled(key, kind, list(content))) is not None:
                 return ChildCall.recalled(frame, slot, key, command, step)
-            intent = frame.begun_before(key)
+            intent = frame.replay.intent(key[len(frame.call_key) + 1 :])
     if frame.runtime.paused and not (instead or intent or _has_begun(frame, slot, key)):
         frame.hold(key, kind, [slot, command, arguments], of_page=manner != "passed on")
     try:
@@ -234,12 +234,14 @@ class ChildCall(Started):
             self._line = page_line(sys._getframe(3))  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] # inspect's is slow
         if intent is not None and (intent.child != self.child.key or not epoch):
             self.asked_at = "" if lost else intent.child
-            detail = lost or f"{self.child.name} was started again meanwhile"
-            self.fail(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
+            self.fail(self._in_doubt(lost or f"{self.child.name} was started again meanwhile"))
         else:
             self._call(epoch)
         if self.limit is not None:
-            self.watch_limit(self.limit.seconds)
+            process = self.frame.worker.process
+            self._unlimit = process.at(process.runner.now() + self.limit.seconds, self._be_late)
+            if self.reply is not None:
+                self._unlimit()
 
     def _call(self, epoch: int, *, witness: str = "") -> None:
         runtime, now, deadline_at = self.frame.runtime, self.frame.worker.now(), self.frame.deadline_at
@@ -436,10 +438,10 @@ class ChildCall(Started):
         A page that catches `SlotEmpty` alone does not ask what became of it.
         """
         asks = catches(self.frame, CommandInDoubt) or not catches(self.frame, type(error))
-        if self.intent is not None and asks:
-            detail = str(error.data.get("reason", error))
-            error = CommandInDoubt(robot=self.child.name, command=self.command, detail=detail)
-        self.fail(error)
+        self.fail(self._in_doubt(str(error.data.get("reason", error))) if self.intent and asks else error)
+
+    def _in_doubt(self, detail: str) -> CommandInDoubt:
+        return CommandInDoubt(robot=self.child.name, command=self.command, detail=detail)
 
     def take_reply(self, reply: Reply | None) -> None:
         """Take one reply from another process; None: there are no more."""
@@ -470,14 +472,14 @@ class ChildCall(Started):
             return
         if self.accepted and (self._awaited or (self._sent is not None and self._sent.oneway)):
             return  # nobody waits for its end
-        if self._comes_back():
+        epoch = None if self._sent is None else self._sent.epoch
+        if epoch is not None and self.frame.runtime.comes_back(self.slot, self.child, epoch):
             self.accept_by = math.inf
             process = self.frame.worker.process
             absence, self._follows = 0.0 if self._follows else ABSENCE, False
             process.at(process.runner.now() + absence, self._ask_again)
         elif self.accepted or self._may_have_begun():
-            detail = "it ended in the middle; look where the robot stands before you go on"
-            self.fail(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
+            self.fail(self._in_doubt("it ended in the middle; look where the robot stands before you go on"))
         else:
             self.fail(Unreachable(key=self.child.key))
 
@@ -488,11 +490,6 @@ class ChildCall(Started):
         """
         worker, spec = self.frame.worker, self.frame.runtime.known_child_spec(self.slot, self.command)
         return worker.here() != worker.thread and (spec is None or spec.effect != "read")
-
-    def _comes_back(self) -> bool:
-        """Whether the child is still bound, and comes back with all that it had accepted."""
-        epoch = None if self._sent is None else self._sent.epoch
-        return epoch is not None and self.frame.runtime.comes_back(self.slot, self.child, epoch)
 
     def _ask_again(self) -> None:
         """Ask the child once more under the same key when it is back: it goes on, or tells how it ended."""
@@ -523,8 +520,7 @@ class ChildCall(Started):
         except IndexError:
             return
         if self._elsewhere and not self.accepted and isinstance(reply, Raised):  # that says nothing of it
-            detail = f"it cannot be asked: {reply.revive()}"
-            reply = Raised.of(CommandInDoubt(robot=self.child.name, command=self.command, detail=detail))
+            reply = Raised.of(self._in_doubt(f"it cannot be asked: {reply.revive()}"))
         if isinstance(reply, Raised) and not self._dropped and doubt.is_settled_here(self, reply):
             self.accept_by = math.inf
             self.frame.worker.process.work(partial(doubt.settle, self, reply))
@@ -606,24 +602,15 @@ class ChildCall(Started):
 
     # -- its time ---------------------------------------------------------------------------------
 
-    def watch_limit(self, seconds: float) -> None:
-        """End it when its time [s] is over."""
-        process = self.frame.worker.process
-        self._unlimit = process.at(process.runner.now() + seconds, self._be_late)
-        if self.reply is not None:
-            self._unlimit()
-
     def _be_late(self) -> None:
         if self.reply is None and not self.frame.runtime.put_off(self._be_late):
-            self.withdraw(f"its caller gave it {self._limit_text}")
-            self.fail(self._late())
-
-    @property
-    def _limit_text(self) -> str:
-        return "" if self.limit is None else self.limit.text
+            late = self._late()
+            self.withdraw(f"its caller gave it {late.data['limit']}")
+            self.fail(late)
 
     def _late(self) -> ChildTimeout:
-        return ChildTimeout(robot=self.child.name, command=self.command, limit=self._limit_text)
+        limit = "" if self.limit is None else self.limit.text
+        return ChildTimeout(robot=self.child.name, command=self.command, limit=limit)
 
     # -- for the author ---------------------------------------------------------------------------
 
@@ -644,7 +631,7 @@ class ChildCall(Started):
             reason = "its caller has cancelled it"
             self._end_asking(reason)
             self.withdraw(reason)
-            self.fail(CommandCancelled(robot=self.child.name, command=self.command, reason=reason))
+            self.fail(self._needless(reason))
 
     # -- for the command that calls ---------------------------------------------------------------
 

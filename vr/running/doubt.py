@@ -175,7 +175,8 @@ def _is_remembered(call: DoubtfulCall, part: Asker) -> bool:
         return True if bond is not None and bond.description.witness else None
 
     restarted = call.frame.run.recall is not None
-    until = part.now() + max(RETURN if restarted else 0.0, runtime.returns_of(call.slot))
+    returns = runtime.look(lambda state: state.slots[call.slot].spec.returns)
+    until = part.now() + max(RETURN if restarted else 0.0, returns)
     while (found := decided()) is None and part.now() < until:
         part.wait(lambda: decided() is not None, LOOKS)
     return bool(found)

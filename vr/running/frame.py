@@ -28,7 +28,7 @@ from robotree.vr.running.ice import GoneOn
 from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
-from robotree.vr.running.replay import Intent, Replay, words_of_step
+from robotree.vr.running.replay import Replay, words_of_step
 from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.run import HeldStep, Run
 
@@ -238,15 +238,15 @@ class Frame:
 
     # -- while its robot is about to leave ---------------------------------------------------------
 
-    def stand(self) -> None:
-        """Wait while the robot is about to leave.
+    def stand(self) -> bool:
+        """Wait while the robot is about to leave; returns False.
 
         Raises:
             GoneOn: it has left.
         """
         ice = self.runtime.ice
         if ice is None:
-            return
+            return False
         self.parked = True
         try:
             while not (ice.over or self.worker.dead):
@@ -255,6 +255,7 @@ class Frame:
             self.parked = False
         if ice.moved:
             raise self._once_more(GoneOn())
+        return False
 
     def leave_author(self) -> Worker:
         """Come from the author's code into ours.
@@ -302,10 +303,6 @@ class Frame:
         if replay.used_up:
             self._catch_up(replay)
         return step
-
-    def begun_before(self, path: str) -> Intent | None:
-        """Return to whom the call of a step was given before a crash; None: to nobody."""
-        return None if self.replay is None else self.replay.intent(self._suffix(path))
 
     def resume(self) -> None:
         """Do what is to be done before the first new step after a crash."""
@@ -384,19 +381,13 @@ class Frame:
         """
         worker = self.worker
         end = worker.now() + max(timeout, 0.0)
-        while self._stands() or not condition():
+        while self.stand() or not condition():
             self.expect_to_go_on()
             now = worker.now()
             if now >= end:
                 return False
             worker.waiter.wait(min(end, self.deadline_at) - now)
         return True
-
-    def _stands(self) -> bool:
-        """Wait while the robot is about to leave; False."""
-        if self.runtime.ice is not None:
-            self.stand()
-        return False
 
     def expect_to_go_on(self) -> None:
         """Raise what ends it, if it is to end.
@@ -410,8 +401,7 @@ class Frame:
             raise self._once_more(Abandoned())
         if self.runtime.has_left:
             raise self._once_more(GoneOn())
-        replay = self.replay
-        if replay is not None and replay.active and self.dropped is None and not self._ended_before(replay):
+        if self.replaying and self.dropped is None and not self._ended_before():
             return
         now = self.worker.now()
         if self.deadline_at > now and not (self.run.cause or self.dropped or self.group):
@@ -419,9 +409,9 @@ class Frame:
         if now >= self.shield:
             self._end(now)
 
-    def _ended_before(self, replay: Replay) -> bool:
+    def _ended_before(self) -> bool:
         """Whether the end of the command was raised at this step, before its process was started again."""
-        return replay.ended_at(self._suffix(self._end_path), self.steps)
+        return self.replay is not None and self.replay.ended_at(self._suffix(self._end_path), self.steps)
 
     @property
     def _end_path(self) -> str:
@@ -502,9 +492,8 @@ class Frame:
         worker = self.worker
         if not self.depth or worker.dead:
             worker.watched = False
-            lowest = [frame for frame in self._on_worker() if frame.cause is not None][-1:]
-            for frame in lowest:
-                frame.watch()
+            for lowest in [frame for frame in self._on_worker() if frame.cause is not None][-1:]:
+                lowest.watch()
         elif any(frame.shield > worker.now() for frame in self._on_worker()):
             self._insist_later(attempts)  # a clean-up has its time
         elif attempts:

@@ -12,12 +12,13 @@ are bounded instead). One more thread, the watchdog, does what has its time: dea
 
 from __future__ import annotations
 
-import functools
 import heapq
 import itertools
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+import msgspec
 
 from robotree.files import forks
 from robotree.vr.author import context
@@ -43,7 +44,7 @@ else:
 class StandingFrame(Protocol):
     """A frame."""
 
-    def stand(self) -> None:
+    def stand(self) -> object:
         """Wait while its robot is about to leave; see `ice.py`."""
         ...
 
@@ -182,7 +183,7 @@ class Process(Generic[R]):
         self._lent: dict[int, Worker] = {}
         """The workers of threads that are not workers' own, by thread: see `carry_out`."""
         self._lock = self.runner.lock()
-        self._order = itertools.count()
+        self._numbers = itertools.count()
         self._timers: list[_Timer] = []
         self._bell = self.runner.waiter()
         self._watching = False
@@ -254,7 +255,7 @@ class Process(Generic[R]):
         Returns:
             How to have it not done.
         """
-        timer = _Timer(when, next(self._order), action)
+        timer = _Timer(when, next(self._numbers), action)
         with self._lock:
             if self.closed:
                 return timer.cancel
@@ -287,18 +288,13 @@ class Process(Generic[R]):
                 self._bell.wait(wait)
 
 
-@functools.total_ordering
-class _Timer:
-    """Something to be done at a time."""
+class _Timer(msgspec.Struct, order=True):
+    """Something to be done at a time; timers are compared by the time, then by their number."""
 
-    __slots__ = ("_order", "action", "cancelled", "when")
-
-    def __init__(self, when: float, order: int, action: Callable[[], None]) -> None:
-        self.when, self.action, self.cancelled = when, action, False
-        self._order = order
-
-    def __lt__(self, other: _Timer) -> bool:
-        return (self.when, self._order) < (other.when, other._order)
+    when: float
+    number: int
+    action: Callable[[], None]
+    cancelled: bool = False
 
     def cancel(self) -> None:
         """Have it not done."""

@@ -213,7 +213,9 @@ class RobotRuntime:
         self._bereft: dict[str, dict[Callable[[VrError], None], None]] = {}
         """Those who are told when the child in a slot is gone, by slot, in their order."""
         self._unremind: Callable[[], None] = _nothing
-        self.neighbours, self._life = process.robots, _life_of(process, core.state.moves)
+        self.neighbours, moves = process.robots, core.state.moves
+        self._life = "" if process.life == 1 and not moves else f"/{process.life}.{moves}"
+        """Part of the name by which calls are numbered: each process, and each stay, counts from 1."""
         self.log.know(self.core.state.calls.live)
         self.paused = core.state.pause.in_force != ""  # then commands look before each step: see `may_pass`
         self._held: dict[str, HeldStep] = {}  # those before which commands wait, by key, the oldest first
@@ -291,16 +293,8 @@ class RobotRuntime:
             raise Frozen(ice)
         if isinstance(event, on.Prolong):
             lease = self.core.state.lease.current
-            if (
-                ice.moved
-                or lease is None
-                or event.proof
-                or (event.principal, event.heir)
-                != (
-                    lease.principal,
-                    lease.heir,
-                )
-            ):
+            asker = (event.principal, event.heir)
+            if ice.moved or lease is None or event.proof or asker != (lease.principal, lease.heir):
                 raise OnItsWay(robot=self.name)
             return self.core.handle(event, now)
         if ice.moved:
@@ -466,9 +460,8 @@ class RobotRuntime:
             What is to be called outside of the lock; None: nothing.
         """
         coming, calls = self._coming, self.core.state.calls
-        if coming is None or (
-            calls.running and not any(_begins(effect, calls.running) for effect in effects)
-        ):
+        begins = {effect.key for effect in effects if isinstance(effect, Begin)}
+        if coming is None or (calls.running and calls.running not in begins):
             return None
         (robot, done, permissions), self._coming = coming, None
         state = self.core.state
@@ -519,11 +512,12 @@ class RobotRuntime:
         if gate.policy is self._policy:
             return
         self._policy = gate.policy
-        for key, principal, command in self.look(_askers):
+        for call in self.look(lambda state: tuple(state.calls.live.values())):
+            what = "order" if call.key in self.ordered else "command"
             try:
-                expect_still(principal, command, self.here, "order" if key in self.ordered else "command")
+                expect_still(call.principal, call.command, self.here, what)
             except Denied as denied:
-                self.cancel(key, f"the policy has changed: {denied}")
+                self.cancel(call.key, f"the policy has changed: {denied}")
 
     def look(self, query: Callable[[RobotState], _T]) -> _T:
         """Ask the state something while nothing changes it.
@@ -644,14 +638,9 @@ class RobotRuntime:
             LeaseError: its parent has paused it, and somebody else asks.
         """
         with self._lock:
-            path = self._longest_held()
-            words = self._held[path].step if path else ""
+            path, words = self._longest_held(), self.held_step()
         self.post(on.StepLet(step=path, epoch=epoch, principal=principal))
         return words
-
-    def has_forgotten(self, key: str) -> bool:
-        """Whether a running command has taken more steps than are kept."""
-        return self.look(lambda state: state.calls.live[key].forgotten)
 
     def checkpoint(self, key: str, place: str = "") -> None:
         """Have a running command go on from a place of its page, if it is interrupted; empty: begin anew."""
@@ -789,8 +778,9 @@ class RobotRuntime:
             for pass_on in () if run is None else run.passes_on:
                 pass_on(effect.at)
         else:
-            if isinstance(effect, on.ChildGone):
-                self._tell_gone(effect.slot)
+            if isinstance(effect, on.ChildGone):  # calls and readings end with the child that was in a slot
+                for tell in tuple(self._bereft.get(effect.slot, ())):
+                    tell(self.look(lambda state: state.slots.emptiness(effect.slot)))
             self._on_effect(effect)
 
     # -- calls that come in -----------------------------------------------------------------------
@@ -1140,10 +1130,6 @@ class RobotRuntime:
         """Return a copy of the bond with the child in a slot; None: it is empty."""
         return self.look(lambda state: None if (bond := state.slots[slot].bond) is None else bond.copied())
 
-    def returns_of(self, slot: str) -> float:
-        """Return for how long [s] the page waits for another process of the child in a slot."""
-        return self.look(lambda state: state.slots[slot].spec.returns)
-
     def witness_of(self, slot: str, command: str) -> str | None:
         """Return who remembers a command of the child in a slot that must not be repeated.
 
@@ -1177,11 +1163,6 @@ class RobotRuntime:
         waiting = self._bereft.setdefault(slot, {})
         waiting[tell] = None
         return lambda: waiting.pop(tell, None)
-
-    def _tell_gone(self, slot: str) -> None:
-        """Tell those whose calls or readings end with the child that was in a slot."""
-        for tell in tuple(self._bereft.get(slot, ())):
-            tell(self.look(lambda state: state.slots.emptiness(slot)))
 
     def number(self, slot: str, epoch: int) -> tuple[str, int, int, Callable[[], None]]:
         """Number a call of a child in another process.
@@ -1276,10 +1257,6 @@ def _exposed_spec(name: str, exposed: Exposed, state: RobotState) -> CommandSpec
         return CommandSpec(name=name, through=through, available=False, doc=f"Cannot be used: {error}.")
 
 
-def _begins(effect: CoreEffect, key: str) -> bool:
-    return isinstance(effect, Begin) and effect.key == key
-
-
 def _texts_in(value: object) -> Iterator[str]:
     """Iterate over the texts in an argument, however deep."""
     if isinstance(value, str):
@@ -1289,11 +1266,6 @@ def _texts_in(value: object) -> Iterator[str]:
     elif isinstance(value, Sequence):
         for part in cast("Sequence[object]", value):
             yield from _texts_in(part)
-
-
-def _life_of(process: Process[RobotRuntime], moves: int) -> str:
-    """Return a part of the name by which calls are numbered: each process, and each stay, counts from 1."""
-    return "" if process.life == 1 and not moves else f"/{process.life}.{moves}"
 
 
 def _copied(value: object) -> object:
@@ -1308,11 +1280,6 @@ def _ignore(_: Reply | None) -> None:
 
 def _nothing() -> None:
     """Nothing is planned."""
-
-
-def _askers(state: RobotState) -> list[tuple[str, Principal, str]]:
-    """Return who has asked for each command that runs or waits: key, asker and command."""
-    return [(call.key, call.principal, call.command) for call in state.calls.live.values()]
 
 
 def _asked_by_people(state: RobotState) -> list[tuple[AcceptedCall, AcceptedCall | None]]:
