@@ -24,7 +24,6 @@ import msgspec
 
 from robotree.files import private_folder, replace, sync_folder
 from robotree.vr.base.address import Address
-from robotree.vr.base.description import Listing
 from robotree.vr.base.envelope import read_envelope, resealed, seal
 from robotree.vr.base.errors import (
     CannotMove,
@@ -67,7 +66,9 @@ from robotree.vr.isolation.given_up import GivenUpRobot
 from robotree.vr.isolation.judge import Judge, Misbehaved
 from robotree.vr.isolation.nursery import BOX, Nursery
 from robotree.vr.journal.kept import APART, PAGE, stop_left, take_stop_back
+from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.permit_file import permits_beside
+from robotree.vr.running.runner import soon
 
 LOOK = 0.25
 """[s] between two looks at who hangs."""
@@ -88,7 +89,7 @@ FRAMES, BURST = 5000.0, 10000.0
 BACKLOG = 32 * 1024 * 1024
 """[bytes] that a process has not read yet after which it is ended."""
 STOPS_WITHIN = 3.0
-"""[s] for the process of a robot to end that has moved."""
+"""[s] for the process of a robot to end that has moved, or is to end."""
 MOVES_WITHIN = 3600.0
 """[s] for a robot to move: as long as it is in doubt, nobody knows."""
 DELETED, MOVED = "it was deleted", "it has moved to another host"
@@ -103,18 +104,6 @@ def lack_for(level: Isolation) -> str:
     if sys.platform != "linux":
         return "it needs Linux"
     return "bubblewrap is not installed" if level == "sandbox" and BOX is None else ""
-
-
-class Listings(Protocol):
-    """Lists robots in the lookup services: that of `vr/lookup`."""
-
-    async def enter(self, listing: Listing) -> None:
-        """List a robot."""
-        ...
-
-    async def leave(self, address: Address) -> None:
-        """Take it out."""
-        ...
 
 
 class Courier(Protocol):
@@ -239,7 +228,7 @@ class RobotApart:
         self._last_sign = 0.0
         self.given_up: GivenUpRobot | None = None
         """Answers for it when its process has ended too often; None: it goes on."""
-        self.registrar: Listings | None = None
+        self.registrar: Registrar | None = None
         """Where it is listed then; None: nowhere."""
         self._left = asyncio.Event()
         """Set when its host ends."""
@@ -550,17 +539,17 @@ class RobotApart:
         if self._writer is not None:
             self._writer.close()
             self._writer = None
-        opened, self._open = self._open, {}
         self._judge.resumes.clear()
-        for incoming in opened.values():
+        for incoming in self._open.values():
             self._end_without(incoming)
+        self._open = {}
         for control in self._controls.values():
             if not control.done():
                 control.set_exception(Unreachable(key=self.name))
         self._controls.clear()
-        subscriptions, self._subscriptions = self._subscriptions, {}
-        for registration in subscriptions.values():
+        for registration in self._subscriptions.values():
             self._keep(registration.close())
+        self._subscriptions = {}
 
     async def _finish(self) -> None:
         for registration in (self._present, self._served):
@@ -631,24 +620,23 @@ class RobotApart:
         finally:
             self._mover = ITSELF
         if self.moved:
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(STOPS_WITHIN):
-                    await self._ended.wait()
+            await self._await_end()
         return reply
 
-    async def leave(self, *, returns: bool, within: float = 3.0) -> None:
+    async def leave(self, *, returns: bool) -> None:
         """End politely; its process is ended if it takes too long."""
         self._leaving = True
         self._left.set()
         self._send(pipe.Leave(returns))
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(within):
-                await self._ended.wait()
+        await self._await_end()
         if not self._ended.is_set():
             self._kill()
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(within):
-                    await self._ended.wait()
+            await self._await_end()
+
+    async def _await_end(self) -> None:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(STOPS_WITHIN):
+                await self._ended.wait()
 
     async def control(
         self,
@@ -710,19 +698,13 @@ class RobotApart:
             _log.warning("the process of %s does not read what it asked for", self.name)
             self._kill()
 
-    def _soon(self, frame: pipe.PipeFrame) -> None:
-        """Send a frame, from any thread."""
-        with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(self._send, frame)
-
     def _tell_presence(self, key: str, there: bool) -> None:  # noqa: FBT001 # a PresenceHandler
         left = not there and self._transport.presence.left(key)
         self._send(pipe.Present(key, there, left))
 
     def _take(self, incoming: Incoming) -> None:
         """Hand a request on, from any thread."""
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._hand_on, incoming)
+        soon(self._loop, partial(self._hand_on, incoming))
 
     def _hand_on(self, incoming: Incoming) -> None:
         number = next(self._numbers)
@@ -799,7 +781,7 @@ class RobotApart:
             pipe.Serve: self._serve,
             pipe.Announce: self._be_present,
             pipe.Withdraw: self._withdraw,
-            pipe.Settle: self._settle_soon,
+            pipe.Settle: lambda frame: self._keep(self._settle(frame.number)),
             pipe.Up: self._be_up,
             pipe.FailedFrame: self._fail,
             pipe.GoneFrame: self._go,
@@ -852,9 +834,8 @@ class RobotApart:
                     reply = decode_reply(body, key=name)
                     if isinstance(reply, MoveDecided):
                         courier.moment("answered")
-                    if isinstance(reply, MoveDecided) and reply.taken:
-                        with contextlib.suppress(RuntimeError):  # the loop is closed
-                            self._loop.call_soon_threadsafe(self._has_moved)
+                        if reply.taken:
+                            soon(self._loop, self._has_moved)
             elif body is not None:
                 courier.moment("prepared")
             on_reply(body)
@@ -949,9 +930,6 @@ class RobotApart:
         if present is not None:
             await present.close()
 
-    def _settle_soon(self, frame: pipe.Settle) -> None:
-        self._keep(self._settle(frame.number))
-
     def _be_up(self, frame: pipe.Up) -> None:
         reply = decode_reply(frame.description, key=self.name)
         if not isinstance(reply, Described) or reply.robot.address != self.address:
@@ -971,11 +949,12 @@ class RobotApart:
             self._up.set_result(reply)
 
     def _fail(self, frame: pipe.FailedFrame) -> None:
-        error = _error_of(frame.body, self.name)
-        if not self._up.done():
-            self._up.set_exception(error)
-        else:
+        reply = decode_reply(frame.body, key=self.name)
+        error = reply.revive() if isinstance(reply, Raised) else VrError(detail=f"{self.name} cannot be made")
+        if self._up.done():
             self.over = str(error)
+        else:
+            self._up.set_exception(error)
 
     def _go(self, _: pipe.GoneFrame) -> None:
         self.over, self._for_good = self.over or (MOVED if self.moved else DELETED), True
@@ -1009,7 +988,8 @@ class RobotApart:
 
     def _replied(self, number: int, body: bytes | None) -> None:
         """Hand a reply on, in any thread."""
-        self._soon(pipe.Replied(number, None if body is None else bytes(body)))
+        frame = pipe.Replied(number, None if body is None else bytes(body))
+        soon(self._loop, partial(self._send, frame))
 
     def _keep(self, work: Any) -> None:
         task = asyncio.ensure_future(work)
@@ -1027,7 +1007,7 @@ class RobotsApart:
         self.robots: dict[str, RobotApart] = {}
         self.courier: Courier | None = None
         """See `RobotApart.courier`."""
-        self.registrar: Listings | None = None
+        self.registrar: Registrar | None = None
         """See `RobotApart.registrar`."""
         self.on_lost: Callable[[str], object] = lambda _: None
         """See `RobotApart.on_lost`."""
@@ -1126,11 +1106,6 @@ def _stopped(page_file: Path, kept: KeptApart) -> KeptApart:
 def _settle(ended: asyncio.Future[int], code: int) -> None:
     if not ended.done():
         ended.set_result(code)
-
-
-def _error_of(body: bytes, name: str) -> VrError:
-    reply = decode_reply(body, key=name)
-    return reply.revive() if isinstance(reply, Raised) else VrError(detail=f"{name} cannot be made")
 
 
 def _how(code: int) -> str:

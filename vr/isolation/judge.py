@@ -19,62 +19,33 @@ from robotree.vr.base import requests as req
 from robotree.vr.base.address import Address
 from robotree.vr.base.envelope import read_envelope
 from robotree.vr.base.errors import NotAllowed, NotItsChild, VrError
+from robotree.vr.base.newest import keep_newest
 from robotree.vr.base.order import ORDER_NEWS
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.lookup.service import NEWS_PATTERN
 
+OF_PARENTS = (req.Petition, req.Retract, req.Renew, req.Release)
+OF_CALLS = (req.Attend, req.Detach, req.Cancel)
+"""Requests about a call, by its key."""
+OF_CHILDREN = (req.Call, *OF_CALLS, req.Pause, req.TakeStep, req.Continue, req.Resume)
+"""Requests to whom the robot commands."""
+OF_MOVES = (req.PrepareMove, req.TakeRobot, req.AskMove)
+"""Requests by which it moves to another host: its own host makes them anew."""
 ALLOWED: dict[str, tuple[type[req.AnyRequest], ...]] = {
-    "robot": (
-        *(
-            req.Describe,
-            req.Call,
-            req.Attend,
-            req.Detach,
-            req.Cancel,
-            req.Petition,
-            req.Retract,
-            req.Renew,
-            req.Release,
-            req.SafeStop,
-        ),
-        *(req.Resume, req.Pause, req.TakeStep, req.Continue),
-    ),
+    "robot": (req.Describe, req.SafeStop, *OF_PARENTS, *OF_CHILDREN),
     "lookup": (req.Register, req.Query),
     "directory": (req.Register, req.Query, req.RobotDeleted, req.FetchOrders, req.TakeOrder, req.TellOrders),
-    "host": (req.PrepareMove, req.TakeRobot, req.AskMove),
+    "host": OF_MOVES,
     "space": (
-        *(
-            req.WriteEntry,
-            req.FindEntries,
-            req.GiveUp,
-            req.RenewEntry,
-            req.OpenTransaction,
-            req.CloseTransaction,
-            req.RollBack,
-        ),
+        *(req.WriteEntry, req.FindEntries, req.GiveUp, req.RenewEntry),
+        *(req.OpenTransaction, req.CloseTransaction, req.RollBack),
         *(req.AcquireFence, req.RenewFence, req.WatchEntries, req.DescribeSpace),
     ),
 }
 """What a robot may ask, by the role of whom it asks."""
 
-OF_PARENTS = (req.Petition, req.Retract, req.Renew, req.Release)
-OF_CHILDREN = (
-    req.Call,
-    req.Attend,
-    req.Detach,
-    req.Cancel,
-    req.Pause,
-    req.TakeStep,
-    req.Continue,
-    req.Resume,
-)
-"""Requests to whom the robot commands."""
-OF_CALLS = (req.Attend, req.Detach, req.Cancel)
-"""Requests about a call, by its key."""
 MOST_CALLED = 1024
 """Calls of robots that are no children, of which a judge knows: the newest."""
-OF_MOVES = (req.PrepareMove, req.TakeRobot, req.AskMove)
-"""Requests by which it moves to another host: its own host makes them anew."""
 NAMELESS = (req.Describe, req.Register, req.Query)
 """Requests that may come without a sender."""
 
@@ -211,9 +182,7 @@ class Judge:
         if not key:
             return  # in a cancel that means all of its calls
         self._called.pop(key, None)
-        self._called[key] = name
-        if len(self._called) > MOST_CALLED:
-            del self._called[next(iter(self._called))]
+        keep_newest(self._called, key, name, MOST_CALLED)
 
     def _expect_handed_down(self, request: req.Resume) -> None:
         """Refuse a resume that is no part of what the robot was asked for: people end stops, not pages."""

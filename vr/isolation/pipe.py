@@ -298,23 +298,9 @@ ToRobot = (
     BeginFrame | Arrive | Come | Replied | Sampled | Present | Silent | Rules | Did | Control | Place | Leave
 )
 FromRobot = (
-    Loaded
-    | Serve
-    | Announce
-    | Withdraw
-    | Settle
-    | Ask
-    | Publish
-    | Subscribe
-    | Unsubscribe
-    | ReplyBack
-    | EndBack
-    | Answered
-    | Up
-    | FailedFrame
-    | Alive
-    | GoneFrame
-)
+    Loaded | Serve | Announce | Withdraw | Settle | Ask | Publish | Subscribe | Unsubscribe | ReplyBack
+    | EndBack | Answered | Up | FailedFrame | Alive | GoneFrame
+)  # fmt: skip
 
 _encode = msgspec.msgpack.Encoder().encode
 to_robot: msgspec.msgpack.Decoder[ToRobot] = msgspec.msgpack.Decoder(ToRobot)
