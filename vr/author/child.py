@@ -70,11 +70,15 @@ def readable(value: Any) -> Any:
 class Slotted:
     """The base of slots and groups of slots: a kind, as a name or as an interface."""
 
-    def __init__(self, kind: str | type[object], doc: str) -> None:
-        """Take the kind and what the children are for.
+    optional: bool = False
+
+    def __init__(
+        self, kind: str | type[object], doc: str, returns: float = 0.0, choose: str = "", where: str = ""
+    ) -> None:
+        """Take the kind, what the children are for, and how they come and come back: see `Child`.
 
         Raises:
-            TypeError: it is no kind, or `doc` no text.
+            TypeError: it is no kind, `doc` no text, or there is no such way to choose.
         """
         interface: type[Any] | None = kind if isinstance(kind, type) else None
         if interface is not None and not issubclass(interface, Kind):
@@ -88,14 +92,20 @@ class Slotted:
         if not isinstance(said, str):
             raise TypeError(f"{doc!r} says nothing about the children; write least=… and most=… by name")
         self.kind: str = interface.__name__ if interface else str(kind)
+        if choose not in {"", "free"}:
+            raise TypeError(f'Child({self.kind!r}, choose={choose!r}): write choose="free", or leave it away')
+        if where and not choose:
+            raise TypeError(f'Child({self.kind!r}, where={where!r}): write choose="free", too')
         self.doc, self.name, self.interface = doc, "", interface
+        self.returns, self.choose, self.where = returns, choose, where
 
     def __set_name__(self, owner: type[Any], name: str) -> None:
         self.name = name
 
     def spec(self) -> SlotSpec:
         """Describe it, without children."""
-        raise NotImplementedError
+        same = ("name", "kind", "doc", "optional", "returns", "choose", "where")
+        return SlotSpec(**{name: getattr(self, name) for name in same})
 
     def promises(self) -> tuple[CommandSpec, ...]:
         """Return the commands that the kind promises; none when it is only a name."""
@@ -131,9 +141,8 @@ class Child(Slotted, Generic[K]):
         Raises:
             TypeError: `kind` is none, or `choose` or `where` cannot be so.
         """
-        super().__init__(kind, doc)
-        self.optional, self.returns = optional, returns
-        self.choose, self.where = _choice(kind, choose, where)
+        super().__init__(kind, doc, returns, choose, where)
+        self.optional = optional
 
     @overload
     def __get__(self, robot: None, owner: type[Any]) -> Child[K]: ...
@@ -160,18 +169,6 @@ class Child(Slotted, Generic[K]):
                 correct = f"exposed({name}={unit!r})"
                 raise TypeError(f"{correct}: a unit is written {name}=Unit({str(unit)!r})")
         return Exposed(self, command, {name: unit.symbol for name, unit in units.items()})
-
-    def spec(self) -> SlotSpec:
-        """Describe the empty slot."""
-        return SlotSpec(
-            name=self.name,
-            kind=self.kind,
-            doc=self.doc,
-            optional=self.optional,
-            returns=self.returns,
-            choose=self.choose,
-            where=self.where,
-        )
 
 
 class Children(Slotted, Generic[K]):
@@ -204,15 +201,13 @@ class Children(Slotted, Generic[K]):
         Raises:
             TypeError: `kind` is none, `least`, `most` or `count` no such number, or the way to choose none.
         """
-        super().__init__(kind, doc)
+        super().__init__(kind, doc, returns, choose, where)
         if count:
             if most is not None or least != 1:
                 raise TypeError(
                     f"Children({self.kind!r}, count={count}): it stands instead of least and most"
                 )
             least = most = count
-        self.returns = returns
-        self.choose, self.where = _choice(kind, choose, where)
         upper = LARGEST_GROUP if most is None else most
         if not 0 <= least <= upper <= LARGEST_GROUP or upper < 1:
             raise TypeError(
@@ -230,31 +225,7 @@ class Children(Slotted, Generic[K]):
 
     def spec(self) -> SlotSpec:
         """Describe the group, without children."""
-        return SlotSpec(
-            name=self.name,
-            kind=self.kind,
-            doc=self.doc,
-            group=self.name,
-            least=self.least,
-            most=self.most,
-            returns=self.returns,
-            choose=self.choose,
-            where=self.where,
-        )
-
-
-def _choice(kind: Any, choose: str, where: str) -> tuple[str, str]:
-    """Return how a child is chosen.
-
-    Raises:
-        TypeError: there is no such way, or a requirement and nobody to choose by it.
-    """
-    name = kind.__name__ if isinstance(kind, type) else kind
-    if choose not in {"", "free"}:
-        raise TypeError(f'Child({name!r}, choose={choose!r}): write choose="free", or leave it away')
-    if where and not choose:
-        raise TypeError(f'Child({name!r}, where={where!r}): write choose="free", too')
-    return choose, where
+        return msgspec.structs.replace(super().spec(), group=self.name, least=self.least, most=self.most)
 
 
 class ChildGroup(Generic[K]):

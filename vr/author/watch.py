@@ -22,6 +22,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, overload
 
+import msgspec
+
 from robotree.vr.author.child import HasSlots, Slotted, observed, readable
 from robotree.vr.author.context import CallLimit, WhichValue, running
 from robotree.vr.author.kind import Kind
@@ -59,7 +61,7 @@ class Watch(Slotted):
 
     def spec(self) -> SlotSpec:
         """Describe the empty slot."""
-        return SlotSpec(name=self.name, kind=self.kind, doc=self.doc, optional=self.optional, watch=True)
+        return msgspec.structs.replace(super().spec(), watch=True)
 
 
 class WatchedRobot:

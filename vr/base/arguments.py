@@ -103,7 +103,9 @@ class _Refused(Exception):
 
 
 def _read(field: FieldSpec, value: object, path: str) -> Any:
-    if (value is None or isinstance(value, str)) and _is_none(field, value):
+    # a person types that there is none, where none is needed; of a text that cannot be told
+    typed = isinstance(value, str) and field.type != "str" and value.strip().lower() in {"none", "null"}
+    if (value is None or typed) and field.optional:
         return None
     try:
         if isinstance(value, str) and field.nested:
@@ -144,13 +146,6 @@ def _read_parts(
     for name, value in given.items():
         read[name] = _read(parts[name], value, path + name)
     return read
-
-
-def _is_none(field: FieldSpec, value: str | None) -> bool:
-    """Whether there is none, or a person has typed so, where none is needed; not decidable for texts."""
-    return field.optional and (
-        value is None or (field.type != "str" and value.strip().lower() in {"none", "null"})
-    )
 
 
 def _number(field: FieldSpec, value: object) -> float:

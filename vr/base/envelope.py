@@ -45,34 +45,17 @@ FRESH = 3.0
 and longer than it takes to see that a process hangs, so that an asker who gives up has little to wait."""
 
 BEGINS = (
-    *(
-        req.Call,
-        req.Attend,
-        req.SetControl,
-        req.Decide,
-        req.Resume,
-        req.Enslave,
-        req.Free,
-        req.Delete,
-        req.Create,
-        req.Reload,
-    ),
-    *(req.Pause, req.TakeStep, req.Continue, req.Migrate, req.Drain, req.SetPlacement, req.Disturb),
+    *(req.Call, req.Attend, req.SetControl, req.Decide, req.Resume, req.Enslave, req.Free, req.Delete),
+    *(req.Create, req.Reload, req.Migrate, req.Drain, req.SetPlacement, req.Disturb),
+    *(req.Pause, req.TakeStep, req.Continue),
     *(req.WriteEntry, req.FindEntries, req.OpenTransaction, req.CloseTransaction, req.AcquireFence),
     *(req.LeaveOrder, req.ConfirmOrder, req.TakeOrder, req.TakeAlong, req.ReleaseHolds),
 )
 """Requests that begin something: they must not begin after their asker gave up."""
 
 ENDS = (
-    req.SafeStop,
-    req.Cancel,
-    req.Release,
-    req.Retract,
-    req.GiveUp,
-    req.RollBack,
-    req.CancelOrder,
-    req.HoldOrders,
-    req.RobotDeleted,
+    *(req.SafeStop, req.Cancel, req.Release, req.Retract, req.GiveUp, req.RollBack),
+    *(req.CancelOrder, req.HoldOrders, req.RobotDeleted),
 )
 """Requests that end something: they are carried out however late they come.
 
