@@ -213,9 +213,7 @@ class RobotRuntime:
         self._bereft: dict[str, dict[Callable[[VrError], None], None]] = {}
         """Those who are told when the child in a slot is gone, by slot, in their order."""
         self._unremind: Callable[[], None] = _nothing
-        self.neighbours, moves = process.robots, core.state.moves
-        self._life = "" if process.life == 1 and not moves else f"/{process.life}.{moves}"
-        """Part of the name by which calls are numbered: each process, and each stay, counts from 1."""
+        self.neighbours, self._life = process.robots, _life_of(process, core.state.moves)
         self.log.know(self.core.state.calls.live)
         self.paused = core.state.pause.in_force != ""  # then commands look before each step: see `may_pass`
         self._held: dict[str, HeldStep] = {}  # those before which commands wait, by key, the oldest first
@@ -1266,6 +1264,11 @@ def _texts_in(value: object) -> Iterator[str]:
     elif isinstance(value, Sequence):
         for part in cast("Sequence[object]", value):
             yield from _texts_in(part)
+
+
+def _life_of(process: Process[RobotRuntime], moves: int) -> str:
+    """Return a part of the name by which calls are numbered: each process, and each stay, counts from 1."""
+    return "" if process.life == 1 and not moves else f"/{process.life}.{moves}"
 
 
 def _copied(value: object) -> object:
