@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from robotree.vr.base.address import Address
-from robotree.vr.network.living import alive
+from robotree.vr.base.os_files import OS_FILES
 from robotree.vr.network.realms import keys_of, members, places, process_of, realm_folder
 
 ENDING = 5.0
@@ -43,7 +43,7 @@ def programs(realm: str) -> dict[Address, Program]:
     for place in places(realm_folder(realm)):
         for tag in members(place):
             pid = process_of(tag)
-            keys = keys_of(place, tag) or [] if alive(pid) else []
+            keys = keys_of(place, tag) or [] if OS_FILES.lives(pid) else []
             agents = [address for key in keys if (address := Address.parse(key)) is not None]
             if agents and (program := program_of(pid)):
                 found |= dict.fromkeys(agents, program)

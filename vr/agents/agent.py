@@ -172,9 +172,9 @@ class RobotAgent:
         self.address = new_address("robot", robot.name) if state is None else state.address
         self.closed = asyncio.Event()
         """Set when it has ended, for whatever reason."""
-        self.on_gone: Callable[[], None] = _nothing
+        self.on_gone: Callable[[], None] = lambda: None
         """Called when it has ended, before anybody is told."""
-        self.on_stop: Callable[[str, str], None] = _ignore
+        self.on_stop: Callable[[str, str], None] = lambda _reason, _order: None
         """Told of each protective stop when it comes: its reason, and the order that it is part of."""
         self.open = False
         """Whether it takes anything new."""
@@ -184,7 +184,7 @@ class RobotAgent:
         self._shared = Shared() if shared is None else shared
         self._unix, self._history = unix or self._process.runner.unix, history
         self._restored = state is not None
-        self.runtime = self._new_runtime(robot, state or self._new_state(robot, term), obeyed)
+        self.runtime = self._new_runtime(robot, state, term, obeyed)
         self._hooks = Hooks(robot, self._process.runner, partial(self.runtime.say, ""))
         self._publisher = self._new_publisher(registrar)
         self._children = self._new_children(term) if isinstance(robot, VirtualRobot) else None
@@ -210,11 +210,12 @@ class RobotAgent:
         return self.runtime.robot
 
     def _new_runtime(
-        self, robot: Robot, state: RobotState, obeyed: Callable[[], int | None] | None
+        self, robot: Robot, state: RobotState | None, term: float, obeyed: Callable[[], int | None] | None
     ) -> RobotRuntime:
+        granted = GrantedLease.free(robot.name, term=term, unix=self._unix())
         return RobotRuntime(
             robot,
-            self._process.core(state),
+            self._process.core(state or _new_state(robot, self.address, self._shared.host, granted)),
             self._process,
             execute=execute,
             transport=self.transport,
@@ -223,10 +224,6 @@ class RobotAgent:
             obeyed=obeyed,
             on_effect=self._take_effect,
         )
-
-    def _new_state(self, robot: Robot, term: float) -> RobotState:
-        granted = GrantedLease.free(robot.name, term=term, unix=self._unix())
-        return _new_state(robot, self.address, self._shared.host, granted)
 
     def _new_children(self, term: float) -> ChildKeeper:
         return ChildKeeper(self.runtime, self.transport, term=term)
@@ -239,7 +236,7 @@ class RobotAgent:
             self._children.on_room = self._choosing.wake
         self._lent_roles = LentRoles(self.runtime, self.transport, self._shared)
         self._drills = Drills(self.runtime, self.transport.presence)
-        self.brings: Callable[[Address], bool] = _nobody
+        self.brings: Callable[[Address], bool] = lambda _: False
         """Whether a robot is one that this one has brought along."""
         self.before_end: Callable[[], Awaitable[None]] | None = None
         """Ends those, before the robot is deleted."""
@@ -248,7 +245,7 @@ class RobotAgent:
         """The commands of which the parent knows."""
         self._declared: list[Registration] = []
         self._presence: Registration | None = None
-        self._unwatch_parent: Undo = _nothing
+        self._unwatch_parent: Undo = lambda: None
         self._ending: asyncio.Task[None] | None = None
         self._gone: asyncio.Future[None] = self._loop.create_future()
         self._farewells: list[Callable[[str], None]] = []
@@ -498,7 +495,8 @@ class RobotAgent:
             await self._leave(grace)
         finally:
             self.on_gone()
-            left = self._left_behind()
+            running, home = ", ".join(self.abandoned), self.runtime.look(lambda state: state.home)
+            left = running and f"its {running} ignores every cancel and still runs; restart {home}"
             for say in self._farewells:  # while the way to the asker is still open
                 say(left)
             self._gone.set_result(None)
@@ -569,10 +567,6 @@ class RobotAgent:
         """End for good, as if a person had deleted it; returns when it is gone."""
         self._deleted = True
         await asyncio.shield(self._begin_to_end(PARTING))
-
-    def _left_behind(self) -> str:
-        running, home = ", ".join(self.abandoned), self.runtime.look(lambda state: state.home)
-        return running and f"its {running} ignores every cancel and still runs; restart {home}"
 
     async def reload(
         self,
@@ -759,7 +753,10 @@ class RobotAgent:
             case Petition():
                 return self._petition(request, asker)
             case Decide():
-                return self._decide(request, asker)
+                decided = on.DoubtSettled(answer=request.answer, epoch=request.epoch, principal=asker)
+                self.runtime.post(decided)
+                self._note_order(f"answered with {request.answer}", asker)
+                return Done()
             case Pause():
                 self._with_steps()
                 return pauses.pause(self.runtime, asker)
@@ -773,7 +770,9 @@ class RobotAgent:
             case SetControl():
                 return self._set_control(request, asker)
             case Retract():
-                return self._retract(request, asker)
+                reason = f"{request.parent.name} did not hear that it was granted"
+                self._end_lease(request.parent, reason, asker, petition=request.key, taken_back=True)
+                return Done()
             case Renew():
                 return self._renew(request, asker)
             case Release():
@@ -782,11 +781,6 @@ class RobotAgent:
                 return Done()
             case _:
                 raise not_for("robot", request)
-
-    def _decide(self, request: Decide, asker: Principal) -> Reply:
-        self.runtime.post(on.DoubtSettled(answer=request.answer, epoch=request.epoch, principal=asker))
-        self._note_order(f"answered with {request.answer}", asker)
-        return Done()
 
     def _place(self, request: SetPlacement, asker: Principal) -> Reply:
         """Take how the robot may be moved.
@@ -904,11 +898,6 @@ class RobotAgent:
         description = self.description()
         self._known_to_parent = description.commands, description.witness
         return _granted(effects, description, self._process.returns)
-
-    def _retract(self, request: Retract, asker: Principal) -> Reply:
-        reason = f"{request.parent.name} did not hear that it was granted"
-        self._end_lease(request.parent, reason, asker, petition=request.key, taken_back=True)
-        return Done()
 
     def _end_lease(self, parent: Address, reason: str, asker: Principal, **which: Any) -> None:
         """End a lease; `which`: the fields of `EndLease` that name it."""
@@ -1043,16 +1032,3 @@ def _new_state(robot: Robot, address: Address, host: str, lease: GrantedLease) -
     if isinstance(robot, VirtualRobot):
         state.slots, state.fields = robot.child_slots, robot.field_values.values
     return state
-
-
-def _nobody(_: Address) -> bool:
-    """Bring nobody along."""
-    return False
-
-
-def _nothing() -> None:
-    """Nothing is declared."""
-
-
-def _ignore(_: str, __: str) -> None:
-    """Nobody moves it."""

@@ -10,12 +10,11 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable, Sequence
-from functools import partial
 
 from robotree.vr.agents.shared import Beside, loop_now
 from robotree.vr.author.virtual_robot import VirtualRobot, slots_of
 from robotree.vr.base.address import Address, everyone
-from robotree.vr.base.description import CommandSpec, RobotDescription, SlotSpec, offered
+from robotree.vr.base.description import RobotDescription, SlotSpec, offered
 from robotree.vr.base.errors import (
     CycleOfBonds,
     Garbled,
@@ -95,7 +94,7 @@ class ChildKeeper:
         secret, bonds = self._runtime.look(lambda state: (state.secret, state.slots.copied()))
         self._unproven = {bond.child.key for bond in bonds.values()} if secret else set[str]()
         """Children that have not heard yet that this process has the robot now."""
-        self.on_room: Callable[[], None] = _nobody
+        self.on_room: Callable[[], None] = lambda: None
         """Called when a slot has become empty and its child does not come back."""
         self._anew = set(self._bonds())
         """Slots whose child may come back as another incarnation: those that a restored robot had, until the
@@ -416,7 +415,8 @@ class ChildKeeper:
         if child.name in lineage:
             raise CycleOfBonds(parent=self._parent.name, child=child.name, lineage=" > ".join(lineage))
         spec = self._spec(slot)
-        promises = self._promises(spec.group or slot)
+        declared = slots_of(type(self._runtime.robot)).get(spec.group or slot)
+        promises = () if declared is None else declared.promises()
         promised = {promise.name for promise in promises}
         uses = tuple(name for name in spec.commands if name not in promised)
 
@@ -458,10 +458,6 @@ class ChildKeeper:
             ways=granted.ways,
             returns=granted.returns,
         )
-
-    def _promises(self, slot: str) -> tuple[CommandSpec, ...]:
-        declared = slots_of(type(self._runtime.robot)).get(slot)
-        return () if declared is None else declared.promises()
 
     def _retract(self, client: RobotClient, key: str) -> None:
         async def tell() -> None:
@@ -509,9 +505,21 @@ class ChildKeeper:
 
     def _renewal(self, epoch: int, child: str) -> Renew:
         """Return the request of a parent for the lease of a child, as it is now."""
-        heir = seal_of(proof_of(self._entrusted, child))
-        life = self._runtime.process.kept_life
-        return self._runtime.look(partial(_renewal, epoch, life, heir, child, child in self._unproven))
+        heir, proves = seal_of(proof_of(self._entrusted, child)), child in self._unproven
+
+        def renewal(parent: RobotState) -> Renew:
+            return Renew(
+                parent=parent.address,
+                epoch=epoch,
+                lineage=parent.lineage,
+                paused=parent.pause.in_force,
+                pauses=parent.pause.changes,
+                life=self._runtime.process.kept_life,
+                heir=heir,
+                proof=proof_of(parent.secret, child) if proves else "",
+            )
+
+        return self._runtime.look(renewal)
 
     def _renewed(self, effect: on.RenewLease, granted: Granted) -> None:
         self._runtime.post(
@@ -688,21 +696,3 @@ class ChildKeeper:
             with contextlib.suppress(NothingHeld, NotPaused):
                 return await self._client(bond.child).step(epoch=bond.lease.epoch, within=within)
         return ""
-
-
-def _renewal(epoch: int, life: int, heir: str, child: str, proves: bool, parent: RobotState) -> Renew:  # noqa: FBT001
-    pause = parent.pause
-    return Renew(
-        parent=parent.address,
-        epoch=epoch,
-        lineage=parent.lineage,
-        paused=pause.in_force,
-        pauses=pause.changes,
-        life=life,
-        heir=heir,
-        proof=proof_of(parent.secret, child) if proves else "",
-    )
-
-
-def _nobody() -> None:
-    """Nobody wants to know."""

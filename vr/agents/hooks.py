@@ -147,7 +147,7 @@ class Hooks:
         if not self._foreign("readings"):
             self._sample()
         elif self._sampling.acquire(blocking=False):
-            self._aside(self._sample_and_release)
+            self._runner.spawn(self._sample_and_release, f"{self._robot.name} hook")
         return self._latest
 
     def safe_stop(self, reason: str) -> Confirming:
@@ -199,9 +199,6 @@ class Hooks:
         return isinstance(self._robot, VirtualRobot) and getattr(type(self._robot), name) is not getattr(
             Robot, name
         )
-
-    def _aside(self, work: Callable[[], None]) -> None:
-        self._runner.spawn(work, f"{self._robot.name} hook")
 
     def _sample_and_release(self) -> None:
         try:

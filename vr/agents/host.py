@@ -30,7 +30,6 @@ from robotree.vr.author.robot import Robot
 from robotree.vr.author.service import Service
 from robotree.vr.author.virtual_robot import VirtualRobot
 from robotree.vr.base.address import Address, check_name
-from robotree.vr.base.description import SlotSpec
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import (
     CannotMove,
@@ -71,7 +70,7 @@ from robotree.vr.base.requests import (
     TakeRobot,
     VerifyEvents,
 )
-from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.base.transport import Transport
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Clearance, Gate, is_own
 from robotree.vr.bundle.bundle import bundle_of, is_script
@@ -80,7 +79,7 @@ from robotree.vr.bundle.loader import LIMIT
 from robotree.vr.core.bonds import DEFAULT_TERM
 from robotree.vr.core.machine import LONGEST_DEADLINE, RobotState
 from robotree.vr.exchange.authority import Here, RobotThere
-from robotree.vr.exchange.claim import claim, expect_free, new_address
+from robotree.vr.exchange.claim import Declarations, claim, expect_free, new_address
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.dispatcher import Dispatcher, SendReply, not_for
 from robotree.vr.history.writer import HistoryWriter, MoveNote, answer_of
@@ -188,7 +187,7 @@ class Host:
         self._coming = self._kept_names()
         self._ended: list[RobotAgent] = []
         self._remembered: deque[Remembered] = deque(maxlen=MOST_REMEMBERED)
-        self._declared: list[Registration] = []
+        self._declared = Declarations()
         self._watchers = Beside()
         self._loop = asyncio.get_running_loop()
         self._loaders = ThreadPoolExecutor(AT_ONCE, thread_name_prefix="loader")
@@ -212,8 +211,8 @@ class Host:
         try:
             now = asyncio.get_running_loop().time
             dispatcher = Dispatcher(self.address.name, self.answer, now=now, here=self.here)
-            self._declared.append(await self._transport.serve(self.address.key, dispatcher.take))
-            self._declared.append(await claim(self._transport, self.address))
+            await self._declared.keep(self._transport.serve(self.address.key, dispatcher.take))
+            await self._declared.keep(claim(self._transport, self.address))
         except BaseException:
             await self.close()
             raise
@@ -268,9 +267,7 @@ class Host:
         returns = self._journal is not None if returns is None else returns
         self._open = False
         self.moves.close()
-        declared, self._declared = self._declared, []
-        for registration in reversed(declared):
-            await registration.close()
+        await self._declared.aclose()
         agents = list(self.agents.values())
         if self._journal is not None:
             await asyncio.gather(*(agent.rest() for agent in agents if not agent.runtime.is_on_way))
@@ -413,7 +410,9 @@ class Host:
         )
         if isinstance(robot, Service):
             agent.before_end = partial(self._end_behaviours, robot.name)
-            agent.brings = partial(self._brought, robot.name)
+            agent.brings = lambda parent: any(
+                each.address == parent for each in self._behaviours.get(robot.name, ())
+            )
         agent.runtime.permissions, agent.runtime.unchecked = clearance.permissions, clearance.unchecked
         return agent
 
@@ -634,9 +633,11 @@ class Host:
 
     async def _bind_service(self, service: RobotAgent, behaviour: RobotAgent) -> None:
         """Put a behaviour on top of its service, where it has a partner of this kind and that is free."""
-        if service.runtime.lease is None:
-            for slot in own_slots(service, behaviour)[:1]:
-                await RobotClient(self._transport, behaviour.address).enslave(slot.name, service.address)
+        if service.runtime.lease is not None:
+            return
+        kind, slots = service.robot.kinds()[0], behaviour.description().slots
+        for slot in [slot for slot in slots if slot.kind == kind and not slot.filled][:1]:
+            await RobotClient(self._transport, behaviour.address).enslave(slot.name, service.address)
 
     async def _end_behaviours(self, service: str) -> None:
         """End what a service has brought along, and nobody else: whoever has such a name without it stays."""
@@ -647,9 +648,6 @@ class Host:
     async def _end_behaviour(self, service: str, behaviour: RobotAgent) -> None:
         self._behaviours[service].remove(behaviour)
         await behaviour.end()
-
-    def _brought(self, service: str, robot: Address) -> bool:
-        return any(behaviour.address == robot for behaviour in self._behaviours.get(service, ()))
 
     async def deserted(self, within: float) -> None:
         """Return when the first robot has ended, or when none has come.
@@ -1016,10 +1014,3 @@ def behaviours_of(robot: Robot, path: str) -> dict[str, Bundle]:
         check_name(f"{robot.name}-{name}"): Bundle(text, f"{path}/{name}.yaml")
         for name, text in robot.behaviours.items()
     }
-
-
-def own_slots(service: RobotAgent, behaviour: RobotAgent) -> list[SlotSpec]:
-    """Return the empty slots of a behaviour that are for the service itself, by its own kind."""
-    kind = service.robot.kinds()[0]
-    slots = behaviour.description().slots
-    return [slot for slot in slots if slot.kind == kind and not slot.filled]

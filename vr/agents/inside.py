@@ -91,7 +91,7 @@ class PipeMesh:
             pipe.Come: self._come,
             pipe.Replied: self._take_reply,
             pipe.Sampled: self._take_sample,
-            pipe.Present: self._take_presence,
+            pipe.Present: lambda news: self.presence.count(news.key, there=news.there, left=news.left),
             pipe.Silent: self._take_silent,
             pipe.Rules: self._take_rules,
             pipe.Did: self._take_done,
@@ -188,9 +188,6 @@ class PipeMesh:
     def _take_sample(self, frame: pipe.Sampled) -> None:
         if (handler := self._handlers.get(frame.number)) is not None:
             handler(frame.key, frame.body)
-
-    def _take_presence(self, frame: pipe.Present) -> None:
-        self.presence.count(frame.key, there=frame.there, left=frame.left)
 
     def _take_silent(self, frame: pipe.Silent) -> None:
         self._held = frame.held
@@ -308,7 +305,7 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
             parcel.set_result(begin.parcel)
         threading.Thread(target=mesh.read, name="reader", daemon=True).start()
         try:
-            agent = await (_arrived(host, begin, way, parcel) if begin.arrives else _made(host, begin))
+            agent = await _come_up(host, begin, way, parcel)
         except Exception as error:  # noqa: BLE001 # the host is told, and tells who has asked
             way.send(pipe.FailedFrame(encode(refusal(error, begin.name))))
             return
@@ -379,23 +376,17 @@ def _host(mesh: PipeMesh, begin: pipe.BeginFrame, stack: contextlib.AsyncExitSta
     return host
 
 
-async def _made(host: Host, begin: pipe.BeginFrame) -> RobotAgent:
-    await host.restore(abandon=begin.abandon, left=begin.left)
-    if begin.create is not None:
-        return await host.make(begin.create, begin.asker)
-    if begin.name not in host.agents:
-        raise VrError(detail=f"{begin.name} is not back: its log says why")
-    return host.agents[begin.name]
-
-
-async def _arrived(
+async def _come_up(
     host: Host, begin: pipe.BeginFrame, way: RobotPipe, parcel: asyncio.Future[pipe.Parcel]
 ) -> RobotAgent:
-    """Load the page of a robot that comes from another host, and have it go on when it is here."""
+    """Make the robot, or have it go on; one that comes from another host when it is here."""
     await host.restore(abandon=begin.abandon, left=begin.left)
-    if begin.name in host.agents:  # the process before had taken it in already
+    if begin.name in host.agents:  # the process before had it, or had taken it in
         return host.agents[begin.name]
-    assert begin.create is not None  # noqa: S101 # it comes with one
+    if begin.create is None:
+        raise VrError(detail=f"{begin.name} is not back: its log says why")
+    if not begin.arrives:
+        return await host.make(begin.create, begin.asker)
     loaded = await host.load(begin.create, begin.name, begin.asker)
     way.send(pipe.Loaded())
     came = await parcel

@@ -701,7 +701,7 @@ class Departure:
                 self._do(self._source.handle(of.Refused(reason=str(error))))
             raise
         finally:
-            self._agent.on_stop = _nobody
+            self._agent.on_stop = lambda _reason, _order: None
             self._show(on_way="")
 
     def _show(self, *, on_way: str) -> None:
@@ -967,8 +967,8 @@ class Departure:
         async def keep() -> None:
             while True:
                 children.renew_all()
-                term = self._runtime.look(_shortest_term)
-                await asyncio.sleep(term / KEEPS)
+                bonds = self._runtime.look(lambda state: state.slots.copied())
+                await asyncio.sleep(min((bond.lease.term for bond in bonds.values()), default=1.0) / KEEPS)
 
         self._keeper = asyncio.ensure_future(keep())
 
@@ -987,10 +987,6 @@ def _urgency(agent: RobotAgent) -> tuple[int, str]:
     return agent.runtime.look(look), agent.robot.name
 
 
-def _shortest_term(state: RobotState) -> float:
-    return min((bond.lease.term for bond in state.slots.bonds().values()), default=1.0)
-
-
 def _sent(page: KeptPage, name: str, *, whole: bool) -> Create:
     """Return a page as it is sent; `whole`: not only its hash."""
     bundle = bundle_of(page)
@@ -999,7 +995,3 @@ def _sent(page: KeptPage, name: str, *, whole: bool) -> Create:
     return Create(
         name=name, path=page.path, source="", wanted=page.wanted, origin=page.origin, hash=bundle.hash
     )
-
-
-def _nobody(_: str, __: str) -> None:
-    """Nobody moves it."""

@@ -229,16 +229,10 @@ class OutsideCalls:
         except Exception as error:  # noqa: BLE001 # the asker gets an answer, whatever happens
             self._refuse(error, end)
         else:
-            self._follow(call.key, caller, attended_by, before)
-
-    def _follow(
-        self, key: str, caller: OutsideCaller | None, attended_by: str, known: tuple[float, str]
-    ) -> None:
-        """Have an accepted call end with its caller, and tell how far it was if it had begun before."""
-        if attended_by:
-            self._attend(attended_by, key)
-        if caller is not None and known[1]:
-            caller.note(*known)
+            if attended_by:
+                self._attend(attended_by, call.key)
+            if caller is not None and before[1]:
+                caller.note(*before)
 
     def _accept_later(self, caller: OutsideCaller) -> None:
         """Accept a call in a while, if it has not ended; one timer does for all that wait."""

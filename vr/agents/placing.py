@@ -213,9 +213,9 @@ class PlaceFinder:
         cpu = round(self._meter.cpu(), 2)
         return HostLoad(robots=len(agents), running=running, cpu=cpu, room=self._host.has_room())
 
-    def distances(self, keys: Iterable[str] = ()) -> dict[str, float]:
-        """Return the round trips [s] to the other hosts, and to those of these keys that are known."""
-        return self.ways.round_trips([*self._other_keys(), *keys])
+    def distances(self) -> dict[str, float]:
+        """Return the round trips [s] to the other hosts."""
+        return self.ways.round_trips(self._other_keys())
 
     async def measured(self, keys: Iterable[str]) -> dict[str, float]:
         """Return the same, measured anew where that is needed; robots of the host are at no distance."""

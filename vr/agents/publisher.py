@@ -30,7 +30,6 @@ from robotree.vr.base.permissions import Isolation
 from robotree.vr.base.presence import Undo
 from robotree.vr.base.requests import LogLines, State, encode
 from robotree.vr.base.transport import Transport
-from robotree.vr.core.control import RobotControl
 from robotree.vr.core.machine import RobotState
 from robotree.vr.core.traffic import NO_FLOW, Flow
 from robotree.vr.lookup.registrar import Registrar
@@ -108,7 +107,9 @@ class Publisher:
         readings."""
         self._line = 0
         """Number of the line of the log that was published last."""
-        runtime.on_news, runtime.log.on_line = self._hurry_soon, self._new_line
+        runtime.on_news = lambda: soon(self._loop, self._hurry)  # from any thread, as lines of the log
+        soon_published = partial(self._loop.call_later, PAUSE, self._publish_log)
+        runtime.log.on_line = lambda: soon(self._loop, soon_published)
 
     def begin(self) -> None:
         """Publish from now on."""
@@ -128,10 +129,6 @@ class Publisher:
             self._leave_rounds()
         if self._timer is not None:
             self._timer.cancel()
-
-    def _hurry_soon(self) -> None:
-        """There is something new to show. From any thread."""
-        soon(self._loop, self._hurry)
 
     def _hurry(self) -> None:
         """Publish as soon as the last time is long enough ago."""
@@ -198,10 +195,6 @@ class Publisher:
         return bool(state.busy)
 
     # -- log --------------------------------------------------------------------------------------
-
-    def _new_line(self) -> None:
-        """Have new lines of the log published soon. From any thread."""
-        soon(self._loop, partial(self._loop.call_later, PAUSE, self._publish_log))
 
     def _publish_log(self) -> None:
         lines = tuple(self._runtime.log.since(self._line))
@@ -354,7 +347,7 @@ class Publisher:
 
     def _condition(self, state: RobotState) -> dict[str, Any]:
         """Return the fields that its description and its state share."""
-        calls, stop = state.calls, state.stop
+        calls, stop, control = state.calls, state.stop, state.control
         running = calls.live.get(calls.running)
         return {
             "busy": "" if running is None else running.command,
@@ -371,7 +364,11 @@ class Publisher:
             "advised": self._runtime.advised,
             "in_doubt": self._runtime.in_doubt,
             "drill": self._runtime.drill,
-            **_operators(state.control),
+            "operator": control.holder.person,
+            "operator_since": control.since if control.holder.person else 0.0,
+            "wanted_by": control.asks.person,
+            "offered_to": control.offered,
+            "hands": control.hands,
             "asks": next((call.doubt for call in calls.live.values() if call.doubt), ""),
         }
 
@@ -402,17 +399,6 @@ class Publisher:
             "host": self._host,
             "attributes": {str(name): str(value) for name, value in robot.attributes.items()},
         }
-
-
-def _operators(control: RobotControl) -> dict[str, Any]:
-    """Return who has control of a robot, and who would."""
-    return {
-        "operator": control.holder.person,
-        "operator_since": control.since if control.holder.person else 0.0,
-        "wanted_by": control.asks.person,
-        "offered_to": control.offered,
-        "hands": control.hands,
-    }
 
 
 def _with_flow(slot: SlotSpec, state: RobotState, flows: Mapping[str, Flow]) -> SlotSpec:

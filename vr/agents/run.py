@@ -75,12 +75,6 @@ def _boot() -> str:
         return ""
 
 
-def _settle_interpreter() -> None:
-    """Make the process fit for authors' commands beside its loop."""
-    sys.setswitchinterval(TURN)
-    gc.freeze()  # what is imported never goes: no collection needs to look at it again
-
-
 def _nobody(_: str) -> None:
     """Hear that it is ready, and do nothing."""
 
@@ -99,7 +93,6 @@ async def run_host(  # noqa: PLR0913 # what people may choose
     name: str,
     *,
     realm: str | None = None,
-    term: float = DEFAULT_TERM,
     only: str = "",
     keep: Keeping | None = None,
     past: Path | None = None,
@@ -114,7 +107,6 @@ async def run_host(  # noqa: PLR0913 # what people may choose
     Args:
         name: of the host, unique in the realm.
         realm: None: `$ROBOTREE_REALM`, else `default`.
-        term: [s] of the leases that its robots grant and ask for.
         only: name of the one robot that it runs; empty: it runs any number.
         keep: where it keeps its robots; None: they end with it. If another host has them, this one stands by.
         past: folder in which it keeps what they did; None: nobody does.
@@ -131,7 +123,8 @@ async def run_host(  # noqa: PLR0913 # what people may choose
         JournalError: the folder, or what is kept in it, cannot be used.
     """
     of = _expect_names(name, only, keep)
-    _settle_interpreter()
+    sys.setswitchinterval(TURN)  # authors' commands run beside the loop
+    gc.freeze()  # what is imported never goes: no collection needs to look at it again
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
         runner, transport = runner_of(asyncio.get_running_loop()), await _joined(realm, stack)
@@ -142,10 +135,10 @@ async def run_host(  # noqa: PLR0913 # what people may choose
         registrar = Registrar(transport)
         stack.push_async_callback(registrar.close)
         ledger = None if journal is None else _ledger_in(past, log, stack)
-        host = Host(transport, name, registrar=registrar, term=term, process=process, only=only,
+        host = Host(transport, name, registrar=registrar, process=process, only=only,
                     journal=journal, gate=gate, ledger=ledger)  # fmt: skip
         host.instead_of, host.log_folder = "" if of == name else of, _folder_of(keep)
-        setting = ApartSetting(name, realm_name(realm), term, returns, LIMIT, host.log_folder)
+        setting = ApartSetting(name, realm_name(realm), DEFAULT_TERM, returns, LIMIT, host.log_folder)
         host.apart, host.isolate, host.most = RobotsApart(setting, transport), isolate, most
         stack.push_async_callback(host.close)
         await _live(host, history, ready, alone=bool(only))
@@ -322,8 +315,7 @@ async def run_lookup(name: str, *, realm: str | None = None, ready: Ready = _nob
     """
     check_name(name)
     async with contextlib.AsyncExitStack() as stack:
-        transport = await join(realm)
-        stack.push_async_callback(transport.close)
+        transport = await _joined(realm, stack)
         service = LookupService(transport, name)
         stack.push_async_callback(service.close)
         await service.start()

@@ -7,7 +7,6 @@ import socket
 import threading
 import types
 from collections.abc import Iterator
-from functools import partial
 from inspect import getattr_static
 from typing import Any
 
@@ -51,7 +50,8 @@ def unfit_reasons(runtime: RobotRuntime, *, standing: bool = False) -> list[str]
         *(["its page is just being reloaded"] if runtime.reloads else []),
         *(
             ["it carries out an order; wait for its end"]
-            if runtime.takes_order or runtime.look(partial(_of_orders, runtime))
+            if runtime.takes_order
+            or runtime.look(lambda state: not runtime.ordered.isdisjoint(state.calls.live))
             else []
         ),
     ]
@@ -73,11 +73,6 @@ def _of_attributes(runtime: RobotRuntime) -> Iterator[str]:
             yield f"self.{name} is {words}, which exists in this process only"
         elif not runtime.is_as_made(name, value):
             yield f"self.{name} was set outside of declared state; declare it with state(…), and it travels"
-
-
-def _of_orders(runtime: RobotRuntime, state: RobotState) -> bool:
-    """Whether a command is an order: its ledger stays in this host."""
-    return not runtime.ordered.isdisjoint(state.calls.live)
 
 
 def _of_calls(state: RobotState) -> list[str]:

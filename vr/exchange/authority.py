@@ -147,7 +147,8 @@ def authorise(
         Denied: the policy does not allow it.
     """
     gate = here.gate
-    if not principal.site and principal.user != user_name(os.geteuid()) and not _is_shared(gate):
+    shared = gate.owner is not None and gate.closed  # with other users of this machine, limited by its policy
+    if not principal.site and principal.user != user_name(os.geteuid()) and not shared:
         reason = f"the processes of this realm belong to {user_name(os.geteuid())}"
         raise NotAllowed(who=principal.person or principal.user, what=type(request).__name__, reason=reason)
     if is_limited(principal, gate):
@@ -202,17 +203,8 @@ def expect_still(principal: Principal, command: str, here: Here, right: str = "c
 
 def is_limited(principal: Principal, gate: PolicyGate) -> bool:
     """Whether a policy limits who asks; an assistant is limited also where there is none."""
-    return (gate.closed or principal.assistant != "") and not is_own_agent(principal)
-
-
-def is_own_agent(principal: Principal) -> bool:
-    """Whether an agent of the user to whom this process belongs asks, for no person."""
-    return not principal.site and not principal.terminal and principal.user == user_name(os.geteuid())
-
-
-def _is_shared(gate: PolicyGate) -> bool:
-    """Whether several users of this machine are in the realm, limited by its policy."""
-    return gate.owner is not None and gate.closed
+    own = not principal.site and not principal.terminal and principal.user == user_name(os.geteuid())
+    return (gate.closed or principal.assistant != "") and not own  # what this user's agents ask for no person
 
 
 def _keep_to_policy(

@@ -141,13 +141,7 @@ class CallOutcome:
         return self._value
 
 
-def call_and_wait(
-    transport: Transport,
-    outcome: CallOutcome,
-    *,
-    sender: str,
-    patience: float = ANSWER_WITHIN,
-) -> Any:
+def call_and_wait(transport: Transport, outcome: CallOutcome, *, sender: str) -> Any:
     """Have a command carried out and wait for its result in this thread, which must be no event loop's.
 
     The command ends if this is interrupted (Ctrl-C).
@@ -156,7 +150,6 @@ def call_and_wait(
         transport: the way there.
         outcome: of the call.
         sender: key under which the caller is present.
-        patience: [s] to wait until it is accepted.
 
     Raises:
         VrError: it was refused, did not succeed, or the robot does not answer.
@@ -173,19 +166,21 @@ def call_and_wait(
     now = time.monotonic()
     latest, ends = now + outcome.longest, now + call.deadline
     try:
-        send_request(transport, key, call, take, now=now, within=patience, sender=sender)
+        send_request(transport, key, call, take, now=now, within=ANSWER_WITHIN, sender=sender)
         while not outcome.over:
-            if not news.acquire(timeout=patience):
+            if not news.acquire(timeout=ANSWER_WITHIN):
                 left = min(latest - time.monotonic(), threading.TIMEOUT_MAX) if outcome.accepted else 0.0
                 if not news.acquire(timeout=max(0.0, left)):
-                    outcome.fail(NoAnswer(key=key, seconds=latest - now if outcome.accepted else patience))
+                    outcome.fail(
+                        NoAnswer(key=key, seconds=latest - now if outcome.accepted else ANSWER_WITHIN)
+                    )
                     _call_off(transport, outcome, sender)
             if outcome.away:
                 back = _await_return(transport, outcome)
                 now = time.monotonic()
                 if back:
                     again = outcome.again(ends, now)
-                    send_request(transport, key, again, take, now=now, within=patience, sender=sender)
+                    send_request(transport, key, again, take, now=now, within=ANSWER_WITHIN, sender=sender)
                 else:
                     outcome.give_up()
     except BaseException:

@@ -245,7 +245,7 @@ class RobotClient:
             self._transport,
             self.address.key,
             Attend(key=key),
-            _ignore,
+            lambda _: None,
             now=now,
             within=ANSWER_WITHIN,
             sender=self._sender,
@@ -629,7 +629,3 @@ class ViewClient:
         """
         request = Look(camera=camera, width=width, height=height, quality=quality)
         return await ask(self._transport, self.address.key, request, Picture, timeout=PICTURE_WITHIN)
-
-
-def _ignore(_: Reply | None) -> None:
-    """Take a reply that does not matter."""

@@ -55,10 +55,6 @@ def merged(lines: Iterable[Remembered]) -> list[Remembered]:
     return kept
 
 
-def _is_afar(place: str) -> bool:
-    return place.startswith("site ") and "," not in place
-
-
 def _near(unix: float, others: Iterable[float]) -> bool:
     return any(abs(unix - other) < APART for other in others)
 
@@ -104,7 +100,7 @@ class Chronicle:
                 self._tell(key, "info", "answers again")
             elif new:
                 self._tell(key, "info", "has come")
-        elif _is_afar(self._places.get(key, "")):
+        elif (place := self._places.get(key, "")).startswith("site ") and "," not in place:  # of another site
             self._end(key, "info", "is not seen any more")  # what became of it is told there
         elif presence.left(key):
             self._end(key, "info", "has left")

@@ -28,11 +28,11 @@ from robotree.vr.base.errors import (
     VrError,
 )
 from robotree.vr.base.places import Places
-from robotree.vr.base.presence import Undo
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.requests import Found, Listed, Query, Unlisted, decode_event
-from robotree.vr.base.transport import Registration, Transport
+from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.asking import ask
+from robotree.vr.exchange.claim import Declarations
 from robotree.vr.lookup.service import NEWS_PATTERN
 from robotree.vr.lookup.union import Change, Union
 
@@ -68,15 +68,14 @@ class Directory:
         self._heard: dict[str, list[Listed | Unlisted]] = {}
         self._answered: dict[str, asyncio.Event] = {}
         self._callbacks: list[OnChange] = []
-        self._declared: list[Registration] = []
-        self._unwatch: Undo | None = None
+        self._declared = Declarations()
         self._forgetting: asyncio.TimerHandle | None = None
 
     async def start(self) -> None:
         """Begin to look; returns when the services that are there have sent their lists."""
         # news first: what changes after a service has answered must not be missed
-        self._declared.append(await self._transport.subscribe(NEWS_PATTERN, self._news))
-        self._unwatch = self._transport.presence.watch("*/*/*", self._seen)
+        await self._declared.keep(self._transport.subscribe(NEWS_PATTERN, self._news))
+        self._declared.callback(self._transport.presence.watch("*/*/*", self._seen))
         await self.settled(FIRST_LOOK)
 
     async def settled(self, limit: float) -> None:
@@ -89,11 +88,7 @@ class Directory:
 
     async def close(self) -> None:
         """Look no more. Twice is once."""
-        if self._unwatch is not None:
-            self._unwatch()
-        declared, self._declared = self._declared, []
-        for registration in reversed(declared):
-            await registration.close()
+        await self._declared.aclose()
         followers, self._followers = self._followers, {}
         for follower in followers.values():
             follower.cancel()

@@ -209,15 +209,11 @@ class _Keeper:
                 self._due.pop(address, None)
                 self._acknowledge(address)
         if answer.count != len(self._held) and not outdated:  # it lost the lease, or holds what is not wanted
-            self._begin_anew()
+            self._holder = token()  # another lease: what the present one holds runs out
+            self._due = dict.fromkeys(self._registrar.wanted)
+            self._held.clear()
             return RETRY if sent else 0.0
         return 0.0 if self._due else answer.term / RENEWALS_PER_TERM * (1 - 0.2 * self._registrar.chance())
-
-    def _begin_anew(self) -> None:
-        """Register everything under another lease; what the present one holds runs out."""
-        self._holder = token()
-        self._due = dict.fromkeys(self._registrar.wanted)
-        self._held.clear()
 
     def _acknowledge(self, address: Address) -> None:
         if (waiting := self._waiting.pop(address, None)) is not None and not waiting.done():

@@ -35,9 +35,6 @@ from robotree.vr.network.realms import (
     to_be_asked,
 )
 
-TYPE_CHECKING = False
-"""As `typing.TYPE_CHECKING`, which would take a while to import."""
-
 REASON = "the operator's protective stop"
 """For those whose commands it ends."""
 

@@ -40,11 +40,6 @@ def listening_anywhere(system: OSFiles = OS_FILES) -> list[Path]:
     return found
 
 
-def alive(pid: int, system: OSFiles = OS_FILES) -> bool:
-    """Whether a process has not ended."""
-    return system.lives(pid)
-
-
 def asleep(pid: int, system: OSFiles = OS_FILES) -> bool:
     """Whether a process is stopped, as by Ctrl-Z or `kill -STOP`, and so cannot answer anybody."""
     with contextlib.suppress(OSError, IndexError):

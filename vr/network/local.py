@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -33,8 +32,6 @@ from robotree.vr.network.shared import policy_of, sees_sample
 
 WAITING_SAMPLES = 4096
 """Samples that may wait for one subscriber before the oldest are lost."""
-
-_log = logging.getLogger(__name__)
 
 
 async def join(

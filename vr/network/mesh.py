@@ -56,7 +56,7 @@ from robotree.vr.network.link import (
     Topic,
     pack,
 )
-from robotree.vr.network.living import alive, asleep, remedy
+from robotree.vr.network.living import asleep, remedy
 from robotree.vr.network.readers import Readers, Sockets, What
 from robotree.vr.network.realms import TAG, process_of
 from robotree.vr.network.refusals import Refusals
@@ -506,7 +506,7 @@ class Mesh:
     def _unmet_for(self, tag: str, since: float, now: float) -> bool | None:
         """As `_certain`, of a process that is not present here; tried to meet it `since` [s]."""
         process = process_of(tag)
-        if not alive(process, self._system):
+        if not self._system.lives(process):
             return None  # it has just ended, and holds nothing any more
         return now - since > HANGS or now - self._sign_of(tag) > HANGS or asleep(process, self._system)
 
@@ -522,7 +522,7 @@ class Mesh:
             living = self.place.living()
             unknown = living - self._peers.keys() - self._outside.strangers.keys()
             peers = {
-                tag for tag, one in self._peers.items() if one.awake or alive(process_of(tag), self._system)
+                tag for tag, one in self._peers.items() if one.awake or self._system.lives(process_of(tag))
             }
             others = sorted(living | peers)  # of one that hung and has just ended nothing is left
             found = held_by(self._system.pid(), own, self._system)
@@ -725,30 +725,27 @@ class Mesh:
     def _take_greeting(self, link: PeerLink, hello: Hello) -> None:
         """The greeting of a process has come."""
         with self._lock:
-            self._take_hello(link, hello)
-
-    def _take_hello(self, link: PeerLink, hello: Hello) -> None:
-        self._identify(link, hello)
-        if not link.dialed:
-            link.channel = hello.channel
-            if (peer := self._settle_who_dialed(link)) is None:
+            self._identify(link, hello)
+            if not link.dialed:
+                link.channel = hello.channel
+                if (peer := self._settle_who_dialed(link)) is None:
+                    return
+                self._add_link(peer, link)
+            peer = self._peers.get(link.member)
+            if peer is None or peer.links.get(hello.channel) is not link:
                 return
-            self._add_link(peer, link)
-        peer = self._peers.get(link.member)
-        if peer is None or peer.links.get(hello.channel) is not link:
-            return
-        peer.greeted.add(hello.channel)
-        if hello.channel is Channel.URGENT:
-            known = {topic: set(hello.known.get(topic, ())) for topic in Topic}
-            self._check_greed(peer, sum(len(known[topic]) - len(peer.known[topic]) for topic in Topic))
-            for topic, said in known.items():
-                for key in peer.known[topic] - said:
-                    self._learn(peer, News(topic, key, there=False))
-                for key in said:
-                    self._learn(peer, News(topic, key, there=True, rank=hello.ranks.get(key, 0)))
-        if peer.met:
-            self._show(peer)
-        self._check_complete()
+            peer.greeted.add(hello.channel)
+            if hello.channel is Channel.URGENT:
+                known = {topic: set(hello.known.get(topic, ())) for topic in Topic}
+                self._check_greed(peer, sum(len(known[topic]) - len(peer.known[topic]) for topic in Topic))
+                for topic, said in known.items():
+                    for key in peer.known[topic] - said:
+                        self._learn(peer, News(topic, key, there=False))
+                    for key in said:
+                        self._learn(peer, News(topic, key, there=True, rank=hello.ranks.get(key, 0)))
+            if peer.met:
+                self._show(peer)
+            self._check_complete()
 
     def _identify(self, link: PeerLink, hello: Hello) -> None:
         """Check that a process is the one that it says it is, and speaks as this one does. Under the lock.

@@ -152,21 +152,15 @@ class Replies:
 
     def end(self) -> None:
         """There will be no more; if there was none at all, nobody was there."""
-        if not self._ended and not self._answered:
-            self._error = Unreachable(key=self.key)
-        self._finish()
+        self._finish(None if self._answered else Unreachable(key=self.key))
 
     def time_out(self) -> None:
         """The time is over, and the other side neither ended nor died."""
-        if not self._ended:
-            self._error = NoAnswer(key=self.key, seconds=self._seconds)
-        self._finish()
+        self._finish(NoAnswer(key=self.key, seconds=self._seconds))
 
     def shut(self) -> None:
         """This side has closed its transport."""
-        if not self._ended:
-            self._error = TransportClosed(key=self.key)
-        self._finish()
+        self._finish(TransportClosed(key=self.key))
 
     def __aiter__(self) -> Self:
         return self
@@ -190,8 +184,9 @@ class Replies:
             timer.cancel()
             self._news = None
 
-    def _finish(self) -> None:
-        self._ended = True
+    def _finish(self, error: VrError | None) -> None:
+        if not self._ended:
+            self._ended, self._error = True, error
         self._tell()
 
     def _tell(self) -> None:

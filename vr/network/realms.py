@@ -16,7 +16,7 @@ from pathlib import Path
 
 from robotree.files.private import OTHERS
 from robotree.vr.base.os_files import OS_FILES, OSFiles
-from robotree.vr.network.living import alive, listening_anywhere
+from robotree.vr.network.living import listening_anywhere
 
 TYPE_CHECKING = False
 """As `typing.TYPE_CHECKING`, which would take a while to import."""
@@ -283,7 +283,7 @@ def present_in(directory: Path) -> dict[str, list[str]]:
 
     Of a damaged list it is what can be understood.
     """
-    living = (tag for tag in members(directory) if alive(process_of(tag)))
+    living = (tag for tag in members(directory) if OS_FILES.lives(process_of(tag)))
     keys = (key for tag in living for key in _counted(_content(directory, tag, OS_FILES) or b"").elements())
     found = sorted({(agent[1], agent[2]) for key in keys if (agent := _AGENT.fullmatch(key))})
     return {role: [name for each, name in found if each == role] for role in {role for role, _ in found}}
@@ -334,7 +334,7 @@ def _has_members(directory: Path) -> bool:
     """Whether a folder is ours and has the entry of a living process."""
     owner = owner_of(directory)
     ours = _owner(directory) == (os.geteuid() if owner is None else owner)
-    return ours and any(alive(process_of(tag)) for tag in members(directory))
+    return ours and any(OS_FILES.lives(process_of(tag)) for tag in members(directory))
 
 
 def _known_to_the_kernel() -> set[Path]:

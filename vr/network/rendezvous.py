@@ -32,7 +32,7 @@ from robotree.vr.base.address import check_name, mark
 from robotree.vr.base.errors import RealmUnusable
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.system import THIS_SYSTEM, Socket, System
-from robotree.vr.network.living import alive, listening
+from robotree.vr.network.living import listening
 from robotree.vr.network.realms import (
     DEFAULT_REALM,
     HELD,
@@ -320,7 +320,7 @@ class Rendezvous:
         heard = (name for place in self._places() for name in listening(place, self.system))
         listen = {found[1] for name in heard if (found := _HIDDEN.fullmatch(name))}
         seen = {tag for tag in self.others() if self._is_socket(self.place_of(tag) / f"{tag}{SOCKET}")}
-        return {tag for tag in (listen | seen) - {self.tag} if alive(process_of(tag), self.system)}
+        return {tag for tag in (listen | seen) - {self.tag} if self.system.lives(process_of(tag))}
 
     # -- inside
 

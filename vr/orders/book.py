@@ -7,6 +7,7 @@ uses it for a realm, and the command line for a memory that somebody has taken a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import msgspec
@@ -120,7 +121,7 @@ class OrderBook:
                 )
             return known
         agent = self.robot(request.robot, request.identity)
-        robot, spec = described(agent), expect_command(agent, request.command)
+        spec = expect_command(agent, request.command)
         arguments = check_arguments(spec, request.arguments, robot=agent.name)
         if not SHORTEST <= request.begin_within <= LONGEST_ORDER:
             raise BadEnd(seconds=request.begin_within)
@@ -142,7 +143,7 @@ class OrderBook:
             at=now,
             begin_by=now + request.begin_within,
             may_take=min(max(request.may_take, SHORTEST), LONGEST_COMMAND),
-            mark=mark_of(_command(robot, request.command)),
+            mark=mark_of(spec),
             result=spec.result,
             holders=(self.label,),
         )
@@ -429,9 +430,9 @@ class OrderBook:
         """
         store = self.store
         news = OrderNews(
-            tuple(_changed(orders, store.orders, _key, merged)),
-            tuple(_changed(agents, store.agents, _identity, merged_known)),
-            tuple(_changed(holds, store.holds, _id, merged_hold)),
+            tuple(_changed(orders, store.orders, attrgetter("key"), merged)),
+            tuple(_changed(agents, store.agents, attrgetter("identity"), merged_known)),
+            tuple(_changed(holds, store.holds, attrgetter("id"), merged_hold)),
         )
         if news:
             store.put(*news)
@@ -506,27 +507,11 @@ def expect_orderable(agent: KnownAgent, spec: CommandSpec) -> None:
         raise NotOrdered(robot=agent.name, command=spec.name, reason=reason)
 
 
-def _command(robot: RobotDescription, name: str) -> CommandSpec:
-    return next(each for each in robot.commands if each.name == name)
-
-
 def _brief(agent: KnownAgent) -> KnownAgent:
     robot = agent.robot
     if robot is not None:
         robot = msgspec.structs.replace(robot, commands=(), slots=(), kept={}, calls={})
     return msgspec.structs.replace(agent, robot=robot, picture=b"", answers={})
-
-
-def _key(order: Order) -> str:
-    return order.key
-
-
-def _identity(agent: KnownAgent) -> str:
-    return agent.identity
-
-
-def _id(hold: OrderHold) -> str:
-    return hold.id
 
 
 def _changed(

@@ -217,11 +217,9 @@ class Ledger:
         """
         if place is None:
             self._write([], [(REST, identity)])
-        else:
-            self._write([(REST, identity, _encode(place))])
-        if place is None:
             self.rest.pop(identity, None)
         else:
+            self._write([(REST, identity, _encode(place))])
             self.rest[identity] = place
 
     def forget(self, now: float) -> None:

@@ -72,11 +72,6 @@ class OperatorSeen(NamedTuple):
     """[s] since 1970."""
 
 
-def this_person() -> str:
-    """Return the person for whom this process asks: `anna@pts/3`."""
-    return f"{user_name(os.geteuid())}@{this_terminal()}"
-
-
 class Operators:
     """Says who sits here, and hears the others; see the module."""
 
@@ -89,7 +84,7 @@ class Operators:
         """
         self._transport, self._caller = transport, caller
         self._places = Places(transport.presence)
-        self._me = OperatorHere(person=this_person(), since=time.time())
+        self._me = OperatorHere(person=f"{user_name(os.geteuid())}@{this_terminal()}", since=time.time())
         self._heard: dict[str, tuple[OperatorHere, float]] = {}
         self._key = ""
         self._registrations: list[Registration] = []

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from robotree import files
+from robotree.vr.base.os_files import OSFiles
 from robotree.vr.network import rendezvous
 from robotree.vr.network.link import Channel
 from robotree.vr.network.mesh import Mesh
@@ -63,7 +64,7 @@ class Steps:
             (rendezvous, "listening"),
             (os, "scandir"),
             (files, "read"),
-            (rendezvous, "alive"),
+            (OSFiles, "lives"),
         ):
             monkeypatch.setattr(owner, name, self._counted(getattr(owner, name)))
 
