@@ -56,6 +56,14 @@ class Road:
         return round(self.rover.x, 2)
 
 
+def doubted(page: type[Driver] = Driver, command: str = "drive") -> tuple[Road, Going]:
+    """Have a person be asked about the first leg of a drive."""
+    road = Road(page, **({"verdict": "fails"} if page is Verifier else {}))
+    call = road.lost(command, **({"legs": 2} if command == "drive" else {}))
+    road.question()
+    return road, call
+
+
 def test_the_controller_tells_a_new_proxy_that_it_was_done() -> None:
     road = Road()
     road.team.crash(at=1, away=AWAY)
@@ -87,8 +95,7 @@ def test_a_child_that_comes_back_no_more_is_not_said_to_have_been_started_again(
 
 
 def test_a_controller_that_was_started_again_does_not_know_so_a_person_is_asked() -> None:
-    road = Road()
-    call = road.lost(legs=2)
+    road, call = doubted()
     asked = road.question()
     assert asked.startswith("rover.move(x=0.1, y=0.0) may have been carried out or not")
     assert "rover reads x " in asked
@@ -101,9 +108,7 @@ def test_a_controller_that_was_started_again_does_not_know_so_a_person_is_asked(
 
 
 def test_a_person_ends_it() -> None:
-    road = Road()
-    call = road.lost(legs=2)
-    road.question()
+    road, call = doubted()
     road.decide("abort")
     with pytest.raises(EndedInDoubt, match="a person has ended"):
         call.result()
@@ -111,9 +116,7 @@ def test_a_person_ends_it() -> None:
 
 
 def test_the_question_is_asked_again_after_another_crash_of_the_host() -> None:
-    road = Road()
-    call = road.lost(legs=2)
-    road.question()
+    road, call = doubted()
     road.team.crash()
     road.question()
     road.decide("done")
@@ -122,9 +125,7 @@ def test_the_question_is_asked_again_after_another_crash_of_the_host() -> None:
 
 
 def test_what_is_done_again_is_known_after_another_crash() -> None:
-    road = Road()
-    call = road.lost(legs=2)
-    road.question()
+    road, call = doubted()
     road.decide("again")
     road.team.wait_until(lambda: road.rover.x > LEG / 3)
     road.team.crash()
@@ -141,9 +142,7 @@ def test_the_page_verifies_and_nobody_is_asked(verdict: str, driven: float) -> N
 
 
 def test_a_page_that_cannot_tell_leaves_it_to_a_person() -> None:
-    road = Road(Verifier, verdict="fails")
-    call = road.lost(legs=2)
-    road.question()
+    road, call = doubted(Verifier)
     road.decide("done")
     assert call.result() == 2
     assert road.at_rest() == LEG
@@ -157,9 +156,7 @@ def test_a_page_that_catches_it_gets_it() -> None:
 
 
 def test_a_part_of_a_group_is_asked_about_too() -> None:
-    road = Road()
-    call = road.lost("both")
-    road.question()
+    road, call = doubted(command="both")
     road.decide("done")
     assert call.result() == 2
 
@@ -176,9 +173,7 @@ def test_without_a_crash_of_the_host_a_controller_that_restarts_leaves_it_in_dou
 
 
 def test_a_cancelled_command_asks_no_longer() -> None:
-    road = Road()
-    call = road.lost(legs=2)
-    road.question()
+    road, call = doubted()
     road.team.cancel()
     with pytest.raises(CommandCancelled):
         call.result()
@@ -186,9 +181,7 @@ def test_a_cancelled_command_asks_no_longer() -> None:
 
 
 def test_again_without_a_child_keeps_the_question() -> None:
-    road = Road()
-    call = road.lost(legs=2)
-    road.question()
+    road, call = doubted()
     road.team.release("rover")
     road.decide("again")
     road.team.wait_until(lambda: "nothing was done" in road.team.describe().asks, 60.0)
@@ -202,9 +195,7 @@ def test_again_without_a_child_keeps_the_question() -> None:
 
 def test_who_waits_behind_a_question_is_told_how_to_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(team, "OPERATOR", "anna@desk")
-    road = Road()
-    road.lost(legs=2)
-    road.question()
+    road, _ = doubted()
     behind = road.team.start("drive", legs=1, within=240.0)
     road.team.wait(2.0)
     assert "it asks: `robotree decide driver done|again|abort`" in behind.progress[-1][1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 import msgspec
 import pytest
@@ -17,7 +18,7 @@ from robotree.vr.lookup import registrar
 from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
 from robotree.vr.lookup.registrar import TERM, Registrar
 from robotree.vr.lookup.service import LookupService
-from robotree.vr.world.network import MemoryNetwork, MemoryTransport
+from robotree.vr.world.network import MemoryNetwork
 from robotree.vr.world.testing import in_virtual_time
 
 
@@ -69,22 +70,23 @@ class Onlooker:
         return [listing.name for listing in self.directory.listings]
 
 
-async def open_lookup(network: MemoryNetwork, name: str) -> tuple[LookupService, MemoryTransport]:
-    transport = network.join(name)
-    service = LookupService(transport, name)
+async def open_lookup(network: MemoryNetwork, name: str) -> LookupService:
+    service = LookupService(network.join(name), name)
     await service.start()
-    return service, transport
+    return service
 
 
-async def open_lookups(network: MemoryNetwork, count: int = 3) -> list[MemoryTransport]:
-    return [(await open_lookup(network, f"lookup-{number}"))[1] for number in range(count)]
+async def open_realm(*agents: str, lookups: int = 3) -> Any:
+    """Have lookup services, agents and an onlooker; returns the network, and them."""
+    network = MemoryNetwork()
+    services = [await open_lookup(network, f"lookup-{number}") for number in range(lookups)]
+    started = [await Agent(network, name).start() for name in agents]
+    return network, services, await Onlooker(network).start(), *started
 
 
 @in_virtual_time
 async def test_arrivals_changes_and_departures_appear_by_themselves_and_once() -> None:
-    network = MemoryNetwork()
-    await open_lookups(network)
-    onlooker = await Onlooker(network).start()
+    network, _, onlooker = await open_realm()
     arm, rover = await Agent(network, "arm").start(), await Agent(network, "rover").start()
     await asyncio.sleep(0.01)
     assert onlooker.news == ["arrived arm", "arrived rover"]
@@ -108,23 +110,19 @@ async def test_arrivals_changes_and_departures_appear_by_themselves_and_once() -
 @pytest.mark.parametrize("seconds", [0.5, 1.9, 2.1, 5.0, 9.0, 11.0, 100.0])
 @in_virtual_time
 async def test_with_one_of_three_stopped_nobody_notices(seconds: float) -> None:
-    network = MemoryNetwork()
-    lookups = await open_lookups(network)
-    await Agent(network, "arm").start()
-    onlooker = await Onlooker(network).start()
+    network, lookups, onlooker, _ = await open_realm("arm")
     assert onlooker.news == ["arrived arm"]
-    network.freeze(lookups[1])
+    network.freeze(lookups[1]._transport)
     await asyncio.sleep(seconds)
-    network.thaw(lookups[1])
+    network.thaw(lookups[1]._transport)
     await asyncio.sleep(60)
     assert onlooker.news == []
 
 
 @in_virtual_time
 async def test_a_stopped_lookup_delays_neither_agents_nor_onlookers() -> None:
-    network = MemoryNetwork()
-    lookups = await open_lookups(network)
-    network.freeze(lookups[1])
+    network, lookups, _ = await open_realm()
+    network.freeze(lookups[1]._transport)
     loop = asyncio.get_running_loop()
     begin = loop.time()
     arm = await Agent(network, "arm").start()
@@ -141,13 +139,10 @@ async def test_a_stopped_lookup_delays_neither_agents_nor_onlookers() -> None:
 
 @in_virtual_time
 async def test_with_all_killed_the_list_is_stale_and_heals_when_one_returns() -> None:
-    network = MemoryNetwork()
-    lookups = await open_lookups(network)
-    arm, rover = await Agent(network, "arm").start(), await Agent(network, "rover").start()
-    onlooker = await Onlooker(network).start()
+    network, lookups, onlooker, arm, rover = await open_realm("arm", "rover")
     assert onlooker.news == ["arrived arm", "arrived rover"]
     for lookup in lookups:
-        network.kill(lookup)
+        network.kill(lookup._transport)
     await asyncio.sleep(600)
     assert onlooker.news == []
     assert onlooker.directory.stale
@@ -170,11 +165,8 @@ async def test_with_all_killed_the_list_is_stale_and_heals_when_one_returns() ->
 
 @in_virtual_time
 async def test_who_was_enslaved_while_no_lookup_lived_is_not_listed_by_the_next() -> None:
-    network = MemoryNetwork()
-    (lookup,) = await open_lookups(network, 1)
-    arm = await Agent(network, "arm").start()
-    onlooker = await Onlooker(network).start()
-    network.kill(lookup)
+    network, (lookup,), onlooker, arm = await open_realm("arm", lookups=1)
+    network.kill(lookup._transport)
     await arm.be_enslaved()
     await open_lookup(network, "lookup-9")
     await asyncio.sleep(5)
@@ -183,11 +175,8 @@ async def test_who_was_enslaved_while_no_lookup_lived_is_not_listed_by_the_next(
 
 @in_virtual_time
 async def test_who_is_slow_to_register_with_a_new_lookup_does_not_flicker() -> None:
-    network = MemoryNetwork()
-    (lookup,) = await open_lookups(network, 1)
-    arm = await Agent(network, "arm").start()
-    onlooker = await Onlooker(network).start()
-    network.kill(lookup)
+    network, (lookup,), onlooker, arm = await open_realm("arm", lookups=1)
+    network.kill(lookup._transport)
     network.freeze(arm.transport)
     await open_lookup(network, "lookup-9")
     await asyncio.sleep(1.5)
@@ -199,7 +188,8 @@ async def test_who_is_slow_to_register_with_a_new_lookup_does_not_flicker() -> N
 @in_virtual_time
 async def test_a_registration_that_failed_is_repeated() -> None:
     network = MemoryNetwork()
-    service, transport = await open_lookup(network, "lookup-1")
+    service = await open_lookup(network, "lookup-1")
+    transport: Any = service._transport
     handler = transport.served[service.address.key]
     failures = iter(range(3))
 
@@ -218,8 +208,8 @@ async def test_a_registration_that_failed_is_repeated() -> None:
 
 @in_virtual_time
 async def test_a_service_that_heard_nothing_for_longer_than_the_lease_learns_everything_again() -> None:
-    network = MemoryNetwork()
-    service, transport = await open_lookup(network, "lookup-1")
+    network, (service,), onlooker, arm, rover = await open_realm("arm", "rover", lookups=1)
+    transport: Any = service._transport
     handler, heard = transport.served[service.address.key], 0
 
     def count(incoming: Incoming) -> None:
@@ -231,11 +221,10 @@ async def test_a_service_that_heard_nothing_for_longer_than_the_lease_learns_eve
         """Lose what comes, and the answer too."""
         incoming.end(None)
 
-    arm, rover = await Agent(network, "arm").start(), await Agent(network, "rover").start()
     spare = Agent(network, "spare")
     spare.transport, spare.registrar = arm.transport, arm.registrar
     await spare.start()
-    onlooker = await Onlooker(network).start()
+    await asyncio.sleep(0.1)
     assert onlooker.names == ["arm", "rover", "spare"]
     transport.served[service.address.key] = lose
     await asyncio.sleep(TERM + 1)
@@ -252,10 +241,7 @@ async def test_a_service_that_heard_nothing_for_longer_than_the_lease_learns_eve
 
 @in_virtual_time
 async def test_a_listing_that_its_process_gave_up_unheard_runs_out_though_the_others_are_renewed() -> None:
-    network = MemoryNetwork()
-    service, _ = await open_lookup(network, "lookup-1")
-    arm = await Agent(network, "arm").start()
-    onlooker = await Onlooker(network).start()
+    _, (service,), onlooker, arm = await open_realm("arm", lookups=1)
     keeper = arm.registrar._keepers[service.address.key]
     stray = msgspec.structs.replace(arm.listing, address=new_address("robot", "stray"), revision=1)
     await arm.transport.announce(stray.address.key)
@@ -275,19 +261,19 @@ async def test_robots_that_come_and_go_all_the_time_leave_a_bounded_trace(
     """Also while a service hears nothing of it: when it is back its list is what is wanted."""
     monkeypatch.setattr(registrar, "MOST_REMEMBERED", 5)
     network = MemoryNetwork()
-    lookups = await open_lookups(network, 2)
+    lookups = [await open_lookup(network, f"lookup-{number}") for number in range(2)]
     arm = await Agent(network, "arm").start()
     kept = await Agent(network, "kept").start()
-    network.freeze(lookups[1])
+    network.freeze(lookups[1]._transport)
     for number in range(50):
         passing = msgspec.structs.replace(arm.listing, address=new_address("robot", f"r{number}"))
         await arm.registrar.enter(passing)
         await arm.registrar.leave(passing.address)
         assert len(arm.registrar.wanted) <= 6
-    network.thaw(lookups[1])
+    network.thaw(lookups[1]._transport)
     await asyncio.sleep(2 * TERM)
     onlooker = await Onlooker(network).start()
-    network.kill(lookups[0])
+    network.kill(lookups[0]._transport)
     await asyncio.sleep(2 * SYNCHRONISE)
     assert onlooker.names == ["arm", "kept"]
     assert kept.registrar.wanted.keys() == {kept.listing.address}
@@ -295,12 +281,10 @@ async def test_robots_that_come_and_go_all_the_time_leave_a_bounded_trace(
 
 @in_virtual_time
 async def test_a_late_lookup_is_not_kept_waiting_by_a_stopped_one() -> None:
-    network = MemoryNetwork()
-    lookups = await open_lookups(network)
-    await Agent(network, "arm").start()
-    network.freeze(lookups[0])
+    network, lookups, *_ = await open_realm("arm")
+    network.freeze(lookups[0]._transport)
     begin = asyncio.get_running_loop().time()
-    service, _ = await open_lookup(network, "late")
+    service = await open_lookup(network, "late")
     assert asyncio.get_running_loop().time() - begin < 1.5
     now = asyncio.get_running_loop().time()
     assert [listing.name for listing, _ in service.table.find(Template(), now)] == ["arm"]
@@ -308,10 +292,8 @@ async def test_a_late_lookup_is_not_kept_waiting_by_a_stopped_one() -> None:
 
 @in_virtual_time
 async def test_news_that_got_lost_is_made_up_for() -> None:
-    network = MemoryNetwork()
-    service, _ = await open_lookup(network, "lookup-1")
-    onlooker = await Onlooker(network).start()
-    service._tell = lambda _: None  # type: ignore[method-assign] # as if the network dropped it
+    network, (service,), onlooker = await open_realm(lookups=1)
+    service._tell = lambda _: None  # as if the network dropped it
     arm = await Agent(network, "arm").start()
     await asyncio.sleep(SYNCHRONISE + 1)
     assert onlooker.news == ["arrived arm"]
@@ -322,10 +304,7 @@ async def test_news_that_got_lost_is_made_up_for() -> None:
 
 @in_virtual_time
 async def test_the_enslaved_are_found_by_name_and_nobody_else() -> None:
-    network = MemoryNetwork()
-    await open_lookups(network, 1)
-    arm = await Agent(network, "arm").start()
-    onlooker = await Onlooker(network).start()
+    _, _, onlooker, arm = await open_realm("arm", lookups=1)
     await arm.be_enslaved()
     await asyncio.sleep(0.01)
     assert onlooker.names == []
@@ -341,7 +320,7 @@ async def test_the_enslaved_are_found_by_name_and_nobody_else() -> None:
 @in_virtual_time
 async def test_a_listener_that_raises_or_leaves_disturbs_nobody(caplog: pytest.LogCaptureFixture) -> None:
     network = MemoryNetwork()
-    await open_lookups(network, 1)
+    await open_lookup(network, "lookup-1")
     onlooker = Onlooker(network)
 
     def fail(_: object) -> None:
@@ -360,10 +339,7 @@ async def test_a_listener_that_raises_or_leaves_disturbs_nobody(caplog: pytest.L
 
 @in_virtual_time
 async def test_what_was_closed_asks_and_tells_nothing_more() -> None:
-    network = MemoryNetwork()
-    service, _ = await open_lookup(network, "lookup-1")
-    arm = await Agent(network, "arm").start()
-    onlooker = await Onlooker(network).start()
+    _, (service,), onlooker, arm = await open_realm("arm", lookups=1)
     await onlooker.directory.close()
     await onlooker.directory.close()
     await arm.registrar.close()

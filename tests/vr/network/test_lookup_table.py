@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,6 +21,11 @@ from robotree.vr.lookup.table import (
 )
 
 ARM = Address("robot", "arm", "1")
+
+
+@pytest.fixture
+def table() -> LookupTable:
+    return LookupTable()
 
 
 def listing(revision: int = 1, address: Address = ARM, **given: object) -> Listing:
@@ -45,8 +51,7 @@ def names(table: LookupTable, now: float, template: Template | None = None) -> l
     return [found.name for found, _ in table.find(template or Template(), now)]
 
 
-def test_a_listing_lasts_as_long_as_its_lease() -> None:
-    table = LookupTable()
+def test_a_listing_lasts_as_long_as_its_lease(table: LookupTable) -> None:
     assert register(table, listing(), now=0.0) == ((), [Listed(listing=listing())])
     assert table.find(Template(), now=3.0) == ((listing(), 2.0),)
     assert table.expire(now=4.9) == []
@@ -54,16 +59,14 @@ def test_a_listing_lasts_as_long_as_its_lease() -> None:
     assert table.expire(now=5.0) == [Unlisted(address=ARM, revision=LOST)]
 
 
-def test_a_renewal_prolongs_it_and_is_no_news() -> None:
-    table = LookupTable()
+def test_a_renewal_prolongs_it_and_is_no_news(table: LookupTable) -> None:
     register(table, listing(), now=0.0)
     assert register(table, listing(), now=4.0) == ((), [])
     assert table.expire(now=8.9) == []
     assert names(table, 8.9) == ["arm"]
 
 
-def test_a_larger_revision_replaces_a_smaller_one_and_never_the_other_way() -> None:
-    table = LookupTable()
+def test_a_larger_revision_replaces_a_smaller_one_and_never_the_other_way(table: LookupTable) -> None:
     register(table, listing(2, doc="new"), now=0.0)
     assert register(table, listing(1, doc="late"), now=0.1) == (("arm",), [])
     assert table.fill(listing(1), 5.0, now=0.1) == []
@@ -72,8 +75,7 @@ def test_a_larger_revision_replaces_a_smaller_one_and_never_the_other_way() -> N
     assert register(table, changed, now=0.2) == ((), [Listed(listing=changed)])
 
 
-def test_a_late_renewal_does_not_bring_back_what_was_withdrawn() -> None:
-    table = LookupTable()
+def test_a_late_renewal_does_not_bring_back_what_was_withdrawn(table: LookupTable) -> None:
     register(table, listing(1), now=0.0)
     assert table.withdraw(ARM, 2, now=1.0) == [Unlisted(address=ARM, revision=2)]
     assert register(table, listing(1), now=1.1) == (("arm",), [])
@@ -82,9 +84,8 @@ def test_a_late_renewal_does_not_bring_back_what_was_withdrawn() -> None:
     assert register(table, listing(3), now=1.2)[0] == (), "its agent can return"
 
 
-def test_withdrawals_are_remembered_in_a_bounded_number_the_latest_ones() -> None:
+def test_withdrawals_are_remembered_in_a_bounded_number_the_latest_ones(table: LookupTable) -> None:
     """A host that creates and deletes robots all the time withdraws hundreds a second."""
-    table = LookupTable()
     withdrawn = [Address("robot", f"r{number}", "1") for number in range(MOST_REMEMBERED + 100)]
     for address in withdrawn:
         register(table, listing(1, address), now=0.0)
@@ -95,16 +96,14 @@ def test_withdrawals_are_remembered_in_a_bounded_number_the_latest_ones() -> Non
         assert register(table, listing(1, address), now=0.0) == ((address.name,), [])
 
 
-def test_a_late_withdrawal_does_not_take_out_what_returned() -> None:
-    table = LookupTable()
+def test_a_late_withdrawal_does_not_take_out_what_returned(table: LookupTable) -> None:
     register(table, listing(3), now=0.0)
     assert table.withdraw(ARM, 2, now=0.1) == []
     assert names(table, 0.1) == ["arm"]
 
 
-def test_a_withdrawal_of_the_unknown_is_remembered_and_told() -> None:
+def test_a_withdrawal_of_the_unknown_is_remembered_and_told(table: LookupTable) -> None:
     """Another table may know it: a process that sees several must hear of it."""
-    table = LookupTable()
     assert table.withdraw(ARM, 2, now=0.0) == [Unlisted(address=ARM, revision=2)]
     assert register(table, listing(1), now=0.1) == (("arm",), [])
 
@@ -112,8 +111,7 @@ def test_a_withdrawal_of_the_unknown_is_remembered_and_told() -> None:
 ROVER = Address("robot", "rover", "1")
 
 
-def test_all_listings_of_a_process_depend_on_one_lease() -> None:
-    table = LookupTable()
+def test_all_listings_of_a_process_depend_on_one_lease(table: LookupTable) -> None:
     register(table, listing(), listing(address=ROVER), now=0.0)
     assert renew(table, now=4.0) == 2
     assert table.expire(now=8.9) == []
@@ -121,16 +119,14 @@ def test_all_listings_of_a_process_depend_on_one_lease() -> None:
     assert table.expire(now=9.0) == [Unlisted(address=one, revision=LOST) for one in (ARM, ROVER)]
 
 
-def test_a_renewal_holds_only_what_its_own_process_has_listed() -> None:
-    table = LookupTable()
+def test_a_renewal_holds_only_what_its_own_process_has_listed(table: LookupTable) -> None:
     register(table, listing(), now=0.0)
     register(table, listing(address=ROVER), now=0.0, holder="process-2")
     assert renew(table, now=4.0) == 1
     assert names(table, 6.0) == ["arm"]
 
 
-def test_the_answer_to_a_late_renewal_shows_that_the_lease_was_lost() -> None:
-    table = LookupTable()
+def test_the_answer_to_a_late_renewal_shows_that_the_lease_was_lost(table: LookupTable) -> None:
     register(table, listing(), now=0.0)
     assert renew(table, now=5.0) == 0
     assert names(table, 5.0) == []
@@ -138,23 +134,20 @@ def test_the_answer_to_a_late_renewal_shows_that_the_lease_was_lost() -> None:
     assert (renew(table, now=5.2), names(table, 5.2)) == (1, ["arm"])
 
 
-def test_a_listing_that_moves_to_another_lease_is_no_news() -> None:
-    table = LookupTable()
+def test_a_listing_that_moves_to_another_lease_is_no_news(table: LookupTable) -> None:
     register(table, listing(), listing(address=ROVER), now=0.0)
     assert register(table, listing(), now=1.0, holder="anew") == ((), [])
     assert (renew(table, 4.0, "anew"), names(table, 6.0)) == (1, ["arm"]), "the other one ran out"
 
 
-def test_a_withdrawal_leaves_the_lease_of_the_others() -> None:
-    table = LookupTable()
+def test_a_withdrawal_leaves_the_lease_of_the_others(table: LookupTable) -> None:
     register(table, listing(), listing(address=ROVER), now=0.0)
     answer, news = table.register(Register(holder="process-1", term=5.0, withdrawn=((ARM, 2),)), 1.0)
     assert (answer.count, news) == (1, [Unlisted(address=ARM, revision=2)])
     assert names(table, 5.9) == ["rover"]
 
 
-def test_a_table_filled_from_another_has_what_remained_of_the_lease() -> None:
-    table = LookupTable()
+def test_a_table_filled_from_another_has_what_remained_of_the_lease(table: LookupTable) -> None:
     assert table.fill(listing(), 3.0, now=0.0) == [Listed(listing=listing())]
     assert table.find(Template(), now=1.0) == ((listing(), 2.0),)
     assert register(table, listing(), now=1.0) == ((), []), "then its process registers it here"

@@ -99,8 +99,9 @@ async def test_a_running_command_ends_as_it_began_and_the_next_one_is_the_new_pa
     await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.running), "it runs")
     waiting = asyncio.ensure_future(stage.team.call("pick", {}))
     await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.waiting), "another one waits")
-    await stage.reload(SECOND)
+    await stage.reload((RENAMED + THAW).replace('"first"', '"second"'))
     assert (await first, await waiting) == ("first", "second")
+    assert (await stage.team.describe()).kept == {"done": ["x"]}, "its state is that of the boundary"
 
 
 async def test_a_reload_that_waits_too_long_says_so_and_the_old_page_goes_on(stage: Stage) -> None:
@@ -216,17 +217,6 @@ async def test_a_page_brings_the_state_of_another_version_into_its_form(stage: S
     await stage.team.call("pick", {})
     assert await stage.reload(RENAMED + THAW) == (), "it is not asked about its own form"
     assert (await stage.team.describe()).kept == {"done": ["old", "old", "old", "x"]}
-
-
-async def test_the_state_as_it_is_at_the_boundary_is_brought_over(stage: Stage) -> None:
-    running = asyncio.ensure_future(stage.team.call("wait", {"seconds": 0.2}))
-    await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.running), "it runs")
-    waiting = asyncio.ensure_future(stage.team.call("pick", {}))
-    await until(lambda: bool(stage.host.agents["team"].runtime.core.state.calls.waiting), "another one waits")
-    await stage.reload(RENAMED + THAW)
-    await running
-    await waiting
-    assert (await stage.team.describe()).kept == {"done": ["x"]}
 
 
 @pytest.mark.parametrize(

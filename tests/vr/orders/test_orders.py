@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import msgspec
 import pytest
 
-from robotree.vr.base.address import Address
 from robotree.vr.base.errors import (
     BadArgument,
     BadEnd,
@@ -40,10 +39,14 @@ async def remembered(stage: Stage, name: str = "r1") -> Ledger:
     return ledger
 
 
+async def furnished(stage: Stage, *names: str) -> Any:
+    """Have directories, a person, and a rover that is away; returns them and its ledger."""
+    directories = [await stage.directory(name) for name in names or ("d1",)]
+    return *directories, await stage.person(), await remembered(stage)
+
+
 async def test_an_order_is_carried_out_once_when_its_robot_is_back(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    directory, person, ledger = await furnished(stage)
     left = await person.orders.leave("r1", "drive", {"x": "50 cm"})
     assert (left.order.state, left.order.arguments["x"]) == ("waiting", 0.5)
     rover = Rover("r1")
@@ -82,9 +85,7 @@ async def test_bad_input_is_refused_in_a_sentence_and_nothing_is_kept(stage: Sta
 
 
 async def test_an_order_for_a_robot_that_never_returns_expires(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    directory, person, ledger = await furnished(stage)
     left = await person.orders.leave("r1", "drive", {"x": 1.0}, begin_within=30.0)
     await asyncio.sleep(32)
     assert directory.book.store.orders[left.order.key].state == "expired"
@@ -98,9 +99,7 @@ async def test_an_order_for_a_robot_that_never_returns_expires(stage: Stage) -> 
 
 
 async def test_a_directory_that_was_away_learns_everything_and_nothing_is_done_twice(stage: Stage) -> None:
-    first, second = await stage.directory("d1"), await stage.directory("d2")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    first, second, person, ledger = await furnished(stage, "d1", "d2")
     left = await person.orders.leave("r1", "drive", {"x": 1.0})
     assert len(left.confirmed) == 2
     await stage.kill_directory(second)
@@ -117,9 +116,7 @@ async def test_a_directory_that_was_away_learns_everything_and_nothing_is_done_t
 
 
 async def test_what_was_acknowledged_survives_the_death_of_the_directory(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    await remembered(stage)
+    directory, person, _ = await furnished(stage)
     left = await person.orders.leave("r1", "drive", {"x": 1.0})
     await person.orders.hold("r1")
     await stage.kill_directory(directory)
@@ -163,9 +160,7 @@ async def test_a_cancel_names_the_directory_that_did_not_confirm_it(stage: Stage
 
 
 async def test_a_running_order_that_is_cancelled_ends(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    directory, person, ledger = await furnished(stage)
     key = (await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 60.0})).order.key
     rover = Rover("r1")
     await stage.robot(rover, ledger)
@@ -178,9 +173,7 @@ async def test_a_running_order_that_is_cancelled_ends(stage: Stage) -> None:
 
 
 async def test_a_stop_holds_who_is_away_until_a_person_releases_it(stage: Stage) -> None:
-    await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    _, person, ledger = await furnished(stage)
     key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
     assert await person.orders.hold() == (["d1"], [])
     rover = Rover("r1")
@@ -211,9 +204,7 @@ async def test_the_release_of_one_robot_leaves_the_others_held(stage: Stage) -> 
 
 
 async def test_a_robot_that_is_stopped_busy_or_bound_begins_nothing(stage: Stage) -> None:
-    await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    _, person, ledger = await furnished(stage)
     rover = Rover("r1")
     agent = await stage.robot(rover, ledger)
     client = RobotClient(person._transport, agent.address)
@@ -225,55 +216,28 @@ async def test_a_robot_that_is_stopped_busy_or_bound_begins_nothing(stage: Stage
     await stage.until(lambda: rover.done == [key])
 
 
-async def test_what_adds_up_is_in_doubt_if_its_robot_was_killed_in_the_middle(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
-    key = (await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 60.0})).order.key
+@pytest.mark.parametrize(
+    ("command", "remembers", "ends"),
+    [("drive", True, ("doubt", 0)), ("drive", False, ("doubt", 0)), ("go_to", True, ("done", 1))],
+    ids=["what adds up", "who has lost its ledger", "what may be repeated"],
+)
+async def test_an_order_in_whose_middle_its_robot_was_killed_is_in_doubt_unless_it_may_be_repeated(
+    stage: Stage, command: str, *, remembers: bool, ends: tuple[str, int]
+) -> None:
+    directory, person, ledger = await furnished(stage)
+    key = (await person.orders.leave("r1", command, {"x": 1.0, "seconds": 60.0})).order.key
     agent = await stage.robot(Rover("r1"), ledger)
-    await stage.until(lambda: ledger.entries.get(key) is not None and ledger.entries[key].begun)
+    await stage.until(lambda: key in ledger.entries and ledger.entries[key].begun)
     await stage.switch_off(agent)
     rover = Rover("r1")
-    await stage.robot(rover, ledger)  # `once`, and nobody knows: a person must look
-    await stage.until(lambda: directory.book.store.orders[key].over)
-    assert directory.book.store.orders[key].state == "doubt"
-    assert not rover.done
-
-
-async def test_what_may_be_repeated_begins_again_if_its_robot_was_killed_in_the_middle(stage: Stage) -> None:
-    await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
-    key = (await person.orders.leave("r1", "go_to", {"x": 1.0, "seconds": 60.0})).order.key
-    agent = await stage.robot(Rover("r1"), ledger)
-    await stage.until(lambda: ledger.entries.get(key) is not None and ledger.entries[key].begun)
-    await stage.switch_off(agent)
-    rover = Rover("r1")
-    await stage.robot(rover, ledger)
-    await stage.until(lambda: rover.x == 1.0, within=100.0)
-    assert rover.done == [key]
-
-
-async def test_a_robot_that_has_lost_its_ledger_repeats_nothing(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
-    key = (await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 60.0})).order.key
-    agent = await stage.robot(Rover("r1"), ledger)
-    await stage.until(lambda: directory.book.store.orders[key].state == "taken")
-    await stage.switch_off(agent)
-    rover = Rover("r1")
-    await stage.robot(rover, Ledger(None))
-    await stage.until(lambda: directory.book.store.orders[key].over)
-    assert directory.book.store.orders[key].state == "doubt"
-    assert not rover.done
+    await stage.robot(rover, ledger if remembers else Ledger(None))
+    await stage.until(lambda: directory.book.store.orders[key].over, within=100.0)
+    assert (directory.book.store.orders[key].state, rover.done.count(key)) == ends
 
 
 async def test_an_intent_that_no_directory_heard_of_begins_when_one_confirms_it(stage: Stage) -> None:
     """Killed between the intent and the first move: nothing has begun, so nothing is in doubt."""
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    directory, person, ledger = await furnished(stage)
     order = (await person.orders.leave("r1", "drive", {"x": 1.0})).order
     ledger.put(LedgerEntry(msgspec.structs.replace(order, state="taken")))
     rover = Rover("r1")
@@ -283,9 +247,7 @@ async def test_an_intent_that_no_directory_heard_of_begins_when_one_confirms_it(
 
 
 async def test_two_robots_of_one_name_share_no_order(stage: Stage) -> None:
-    await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    _, person, ledger = await furnished(stage)
     key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
     other = Rover("r1")
     agent = await stage.robot(other, Ledger(None), identity="of-another-site")
@@ -298,9 +260,7 @@ async def test_two_robots_of_one_name_share_no_order(stage: Stage) -> None:
 
 
 async def test_a_command_that_has_changed_is_refused(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    directory, person, ledger = await furnished(stage)
     left = await person.orders.leave("r1", "drive", {"x": 1.0})
     old = msgspec.structs.replace(left.order, mark="another")
     directory.book.store.put(orders=[old])
@@ -313,9 +273,7 @@ async def test_a_command_that_has_changed_is_refused(stage: Stage) -> None:
 
 
 async def test_a_robot_that_somebody_moved_since_asks_before_it_begins(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    directory, person, ledger = await furnished(stage)
     await person.orders.hold("r1")
     key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
     rover = Rover("r1")
@@ -395,25 +353,19 @@ async def test_clocks_that_differ_by_hours_neither_expire_nor_prolong_an_order(s
     await stage.until(lambda: rover.done == [key])
 
 
-async def test_an_order_that_expires_while_it_runs_goes_on(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
-    left = await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 30.0}, begin_within=10.0)
-    await stage.robot(Rover("r1"), ledger)
-    await stage.until(lambda: directory.book.store.orders[left.order.key].over)
-    assert directory.book.store.orders[left.order.key].state == "done"
-
-
-async def test_a_failure_is_told_with_its_reason(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    ledger = await remembered(stage)
-    key = (await person.orders.leave("r1", "fail", {})).order.key
+@pytest.mark.parametrize(
+    ("command", "arguments", "state", "why"),
+    [("drive", {"x": 1.0, "seconds": 30.0}, "done", ""), ("fail", {}, "failed", "over")],
+)
+async def test_an_order_that_expires_while_it_runs_goes_on_and_a_failure_is_told_with_its_reason(
+    stage: Stage, command: str, arguments: dict[str, float], state: str, why: str
+) -> None:
+    directory, person, ledger = await furnished(stage)
+    key = (await person.orders.leave("r1", command, arguments, begin_within=10.0)).order.key
     await stage.robot(Rover("r1"), ledger)
     await stage.until(lambda: directory.book.store.orders[key].over)
-    assert directory.book.store.orders[key].state == "failed"
-    assert "over" in directory.book.store.orders[key].why
+    assert directory.book.store.orders[key].state == state
+    assert why in directory.book.store.orders[key].why
 
 
 async def test_what_only_reads_is_remembered_where_its_author_allows_it(stage: Stage) -> None:
@@ -445,9 +397,7 @@ async def test_what_a_robot_answered_last_is_not_older_than_its_last_command(sta
 
 
 async def test_a_robot_that_is_deleted_is_not_away(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    person = await stage.person()
-    await remembered(stage)
+    directory, person, _ = await furnished(stage)
     key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
     directory._spread_later(directory.book.deleted("r1-for-life"))
     known = await person.orders.robot("r1")
@@ -458,15 +408,8 @@ async def test_a_robot_that_is_deleted_is_not_away(stage: Stage) -> None:
         await person.orders.leave("r1", "drive", {"x": 1.0})
 
 
-async def test_a_directory_keeps_its_address_for_life(stage: Stage) -> None:
-    directory = await stage.directory("d1")
-    assert directory.address == Address("directory", "d1", directory._store.id)
-
-
 async def test_a_person_settles_an_order_in_doubt(stage: Stage) -> None:
-    first, second = await stage.directory("d1"), await stage.directory("d2")
-    person = await stage.person()
-    ledger = await remembered(stage)
+    first, second, person, ledger = await furnished(stage, "d1", "d2")
     left = await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 60.0})
     rover, key = Rover("r1"), left.order.key
     agent = await stage.robot(rover, ledger)

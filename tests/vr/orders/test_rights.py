@@ -7,7 +7,6 @@ import os
 import msgspec
 import pytest
 
-from robotree.vr.base.envelope import Envelope, this_clock
 from robotree.vr.base.errors import Denied
 from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.policy_reading import read_policy
@@ -18,17 +17,15 @@ from robotree.vr.base.requests import (
     FetchOrders,
     LeaveOrder,
     MarkSeen,
-    Raised,
-    Reply,
     RobotDeleted,
     ShareRecords,
     TakeOrder,
     TellOrders,
-    decode_reply,
 )
 from robotree.vr.exchange.authority import AGENTS, NEEDS, Here, authorise
 from tests.vr.orders.conftest import Rover, Stage
 from tests.vr.orders.test_orders import remembered
+from tests.vr.policy.conftest import ask_as
 
 MAY = """
 persons: {anna: planner, ben: viewer}
@@ -43,25 +40,11 @@ roles:
 """
 
 
-async def ask_as(stage: Stage, person: str, key: str, request: AnyRequest) -> Reply:
-    """Ask for a person with a key of the realm, or for somebody at a site, as a gateway does."""
-    name, _, site = person.partition("@")
-    proof = msgspec.msgpack.encode(Voucher(site or name, name, 7, member=not site))
-    transport = stage.transports["operator"]
-    body = msgspec.msgpack.encode(Envelope(request, "", stage.loop.time(), 5.0, this_clock(), proof, "pts/1"))
-    async for reply in transport.request(key, body, timeout=5.0):
-        found = decode_reply(reply, key=key)
-        if isinstance(found, Raised):
-            raise found.revive()
-        return found
-    raise AssertionError("no answer")
-
-
 async def test_who_may_not_order_leaves_nothing_and_ends_nothing_of_others(stage: Stage) -> None:
     stage.network.gate = gate = PolicyGate()
     directory = await stage.directory("d1")
     await stage.person()
-    ledger = await remembered(stage)
+    operator, ledger = stage.transports["operator"], await remembered(stage)
     gate.policy = read_policy(f"realm: test\nversion: 1\n{MAY}")
     leave = LeaveOrder(
         key="0123456789abcdef",
@@ -72,17 +55,17 @@ async def test_who_may_not_order_leaves_nothing_and_ends_nothing_of_others(stage
         may_take=60.0,
     )
     with pytest.raises(Denied, match="order"):
-        await ask_as(stage, "ben", directory.address.key, leave)
+        await ask_as(operator, "ben", directory.address.key, leave)
     with pytest.raises(Denied):
         await ask_as(
-            stage,
+            operator,
             "anna",
             directory.address.key,
             msgspec.structs.replace(leave, key="f" * 16, command="go_to"),
         )
-    await ask_as(stage, "anna", directory.address.key, leave)
+    await ask_as(operator, "anna", directory.address.key, leave)
     with pytest.raises(Denied):
-        await ask_as(stage, "ben", directory.address.key, CancelOrder(key=leave.key))
+        await ask_as(operator, "ben", directory.address.key, CancelOrder(key=leave.key))
     gate.policy = read_policy(f"realm: test\nversion: 2\n{NO_MORE}")
     rover = Rover("r1")
     await stage.robot(rover, ledger)
@@ -90,9 +73,9 @@ async def test_who_may_not_order_leaves_nothing_and_ends_nothing_of_others(stage
     order = directory.book.store.orders[leave.key]
     assert (order.state, rover.done) == ("refused", [])
     assert "anna" in order.why
-    await ask_as(stage, "ben", directory.address.key, MarkSeen(keys=(leave.key,)))  # it is not his
+    await ask_as(operator, "ben", directory.address.key, MarkSeen(keys=(leave.key,)))  # it is not his
     assert not directory.book.store.orders[leave.key].seen
-    await ask_as(stage, "anna", directory.address.key, MarkSeen(keys=(leave.key,)))
+    await ask_as(operator, "anna", directory.address.key, MarkSeen(keys=(leave.key,)))
     assert directory.book.store.orders[leave.key].seen
 
 
@@ -136,6 +119,7 @@ async def test_records_of_another_site_change_nothing_without_the_right(stage: S
     directory = await stage.directory("d1")
     await stage.person()
     await remembered(stage)
+    operator = stage.transports["operator"]
     gate.policy = read_policy(f"realm: test\nversion: 1\n{WORDS}")
     agents = directory.book.store.agents
     (known,) = [one for one in agents.values() if one.name == "r1"]
@@ -144,7 +128,7 @@ async def test_records_of_another_site_change_nothing_without_the_right(stage: S
     )
     for request in (forged, RobotDeleted(identity=known.identity)):
         with pytest.raises(Denied, match="robots@hall may not administrate realm"):
-            await ask_as(stage, "robots@hall", directory.address.key, request)
+            await ask_as(operator, "robots@hall", directory.address.key, request)
         assert not agents[known.identity].deleted
-    await ask_as(stage, "boss@hall", directory.address.key, RobotDeleted(identity=known.identity))
+    await ask_as(operator, "boss@hall", directory.address.key, RobotDeleted(identity=known.identity))
     assert agents[known.identity].deleted, "who may administrate is believed: so the test could fail"

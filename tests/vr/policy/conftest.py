@@ -15,7 +15,7 @@ from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.principal import Voucher, user_name
 from robotree.vr.base.requests import AnyRequest, Raised, Reply, decode_reply
 from robotree.vr.supervision.realm_client import RealmClient
-from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from tests.vr.core.conftest import Realm, pytest_asyncio_loop_factories, units
 
 __all__ = ["pytest_asyncio_loop_factories", "units"]
@@ -39,20 +39,28 @@ class PoliticalRealm(Realm):
         self, person: str, key: str, request: AnyRequest, *, sender: str = "", terminal: str = "pts/1"
     ) -> Reply:
         """Ask for somebody at another site, or for a person with a key of their own, as a gateway does."""
-        name, _, site = person.partition("@")
-        voucher = Voucher(site or name, name, 7, member=not site)
-        loop = self.operator.loop
-        body = msgspec.msgpack.encode(
-            Envelope(
-                request, sender, loop.time(), 5.0, this_clock(), msgspec.msgpack.encode(voucher), terminal
-            )
-        )
-        async for reply in self.operator.request(key, body, timeout=5.0):
-            found = decode_reply(reply, key=key)
-            if isinstance(found, Raised):
-                raise found.revive()
-            return found
-        raise AssertionError("no answer")
+        return await ask_as(self.operator, person, key, request, sender=sender, terminal=terminal)
+
+
+async def ask_as(
+    transport: MemoryTransport,
+    person: str,
+    key: str,
+    request: AnyRequest,
+    *,
+    sender: str = "",
+    terminal: str = "pts/1",
+) -> Reply:
+    """Ask over a member of the network; see `PoliticalRealm.ask_as`."""
+    name, _, site = person.partition("@")
+    proof = msgspec.msgpack.encode(Voucher(site or name, name, 7, member=not site))
+    envelope = Envelope(request, sender, transport.loop.time(), 5.0, this_clock(), proof, terminal)
+    async for reply in transport.request(key, msgspec.msgpack.encode(envelope), timeout=5.0):
+        found = decode_reply(reply, key=key)
+        if isinstance(found, Raised):
+            raise found.revive()
+        return found
+    raise AssertionError("no answer")
 
 
 @pytest.fixture
