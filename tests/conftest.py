@@ -25,6 +25,12 @@ LONGEST_END = 60.0
 
 MEASUREMENTS, CALM = 4, 5.0
 """How often a test with a budget of time is measured at most; [s] in between, in which others may end."""
+LONG = {
+    "test_conform", "test_sites", "test_trials", "test_thesis_figures", "test_held_interpreter", "test_wheel",
+    "test_laboratory", "test_web_page", "test_a_screen_to_trust", "test_handing_over", "test_lever",
+    "test_safeguards", "test_families", "test_service", "test_between_sites", "test_moves",
+}  # fmt: skip
+"""Files that take a quarter of a minute or more begin first. Any other order is right, too, and slower."""
 _again = pytest.StashKey[list[str]]()
 
 # The suite searches the same cases in each run: what is green stays green until something changes.
@@ -49,7 +55,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tell a story in its order; put a file that starts real processes before each few of the others.
 
     Processes are waited for, the others compute: so workers that share a core do not all wait at once.
-    The last fifth are others, so that no worker is alone with a long file at the end.
+    The last fifth are others, and long files come first, so that no worker is alone with one at the end.
     """
     chapters: dict[Path, list[pytest.Item]] = {}
     for item in items:
@@ -59,14 +65,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if chapter[0].get_closest_marker("story"):
             chapter.sort(key=lambda item: item.reportinfo()[1] or 0)
         (waiting if chapter[0].get_closest_marker("e2e") else computing).append(chapter)
+    for some in (waiting, computing):
+        some.sort(key=lambda chapter: chapter[0].path.stem not in LONG)
     each = 0.8 * len(computing) / max(len(waiting), 1)
     places = [*((each * number, chapter) for number, chapter in enumerate(waiting)), *enumerate(computing)]
     items[:] = [item for _, chapter in sorted(places, key=lambda place: place[0]) for item in chapter]
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Begin with no test that was measured again."""
+    """Begin with no test that was measured again, and look for garbage seldom, from the collection on."""
     config.stash[_again] = []
+    gc.set_threshold(50_000, 20, 100)  # after as many new objects, not after 700
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -142,17 +151,14 @@ def interrupts_are_heard() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def garbage_is_collected_seldom() -> Iterator[None]:
-    """Look for garbage after 50,000 new objects, not 700, and never among the libraries of all rooms.
+    """Never look for garbage among the libraries of all rooms, and else seldom, see `pytest_configure`.
 
     A file of tests of the screen takes about a quarter less processor time so, and a worker more memory.
     """
-    usual = gc.get_threshold()
     gc.collect()
     gc.freeze()
-    gc.set_threshold(50_000, 20, 100)
     yield
     gc.unfreeze()
-    gc.set_threshold(*usual)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -219,7 +219,7 @@ def test_watching_ends_when_its_reader_leaves() -> None:
         assert process.stderr
         assert process.stdout.readline()
         process.stdout.close()
-        assert process.wait(10) == exit_codes.DONE
+        assert process.wait(60) == exit_codes.DONE
         assert process.stderr.read() == ""
 
 

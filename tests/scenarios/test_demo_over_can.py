@@ -128,7 +128,7 @@ async def test_loggers_of_others_and_our_own_hear_the_bus(tmp_path: Path) -> Non
         recorded = robotree("wire", "record", "--connect", url, tape, "--for", "2s")
         assert recorded.returncode == exit_codes.DONE, recorded.stderr
         logger.terminate()
-        logger.wait(10)
+        logger.wait(60)
     for file in (log, tape):
         *_, last = robotree("wire", "decode", file, "--json").stdout.splitlines()
         statistics = json.loads(last)["statistics"]

@@ -151,7 +151,7 @@ async def test_a_guard_that_was_killed_takes_nothing_with_it(crew: Crew) -> None
     assert (code, out) == (0, "1\n")
     handle = os.pidfd_open(host.pid)
     os.kill(host.pid, signal.SIGTERM)
-    assert await ended(handle, LAST_WORDS)
+    assert await ended(handle, HARD)
     assert "BrokenPipe" not in host.log
 
 
@@ -160,7 +160,7 @@ async def test_a_host_that_was_killed_leaves_no_guard(crew: Crew) -> None:
     (watcher,) = children(host.pid)
     handle = os.pidfd_open(watcher)
     os.kill(host.pid, signal.SIGKILL)
-    assert await ended(handle, 10)
+    assert await ended(handle, HARD)
 
 
 async def test_the_end_of_a_forked_child_is_not_that_of_its_host(crew: Crew) -> None:
@@ -250,10 +250,10 @@ async def test_a_process_of_its_own_ends_with_its_robot(place: Path) -> None:
     handle = os.pidfd_open(int(process_of("apart-host")))
     code, out, _ = await robotree("delete", "apart")
     assert (code, out) == (0, "apart is deleted\n")
-    assert await ended(handle, 10)
+    assert await ended(handle, HARD)
     code, _, complaints = await robotree("create", f"{page}:None", "as", "apart", "--own-host")
     assert (code, "defines no virtual robot" in complaints) == (1, True)
     async with joined(REALM) as realm_client:
         assert await holds(
-            lambda: [one.name for one in realm_client.directory.present("host")] == ["host-1"], 10.0
+            lambda: [one.name for one in realm_client.directory.present("host")] == ["host-1"], HARD
         )

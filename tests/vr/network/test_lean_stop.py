@@ -169,6 +169,7 @@ def test_garbage_in_the_folder_hinders_no_stop(realm: Path) -> None:
     ear.close()
 
 
+@pytest.mark.speed
 def test_a_process_that_never_reads_holds_up_no_other_one(realm: Path) -> None:
     """As a frozen one whose socket takes no more."""
     deaf = Ear(realm, *(f"robot/r{number}/1" for number in range(3000)), tag=f"{os.getpid()}-00000000")

@@ -67,6 +67,14 @@ def schema_of(server: Server) -> str:
     return f"{server.url}&options=-csearch_path%3D{name}"
 
 
+def ring(url: str) -> None:
+    """Have stores that were closed look at once whether they were: without a bell they do so each second."""
+    import psycopg
+
+    with psycopg.connect(url, autocommit=True) as connection:
+        connection.execute("NOTIFY robotree_space")
+
+
 def postgres(server: Server) -> Timed:
     timed = TimedPostgres()
     timed.store = store = PostgresStore("jobs", schema_of(server), listens=False)

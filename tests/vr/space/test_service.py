@@ -102,6 +102,7 @@ class Program:
 
 @pytest.fixture(params=stores.KINDS)
 async def stage(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[Stage]:
+    url = ""
     make: Callable[[], SpaceStore] = lambda: MemoryStore("jobs", time.monotonic)  # noqa: E731
     if request.param == "sqlite":
         make = lambda: SqliteStore("jobs", tmp_path / "s.db", time.monotonic, time.time)  # noqa: E731
@@ -109,11 +110,13 @@ async def stage(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator
         url = stores.schema_of(request.getfixturevalue("postgres"))
         make = lambda: PostgresStore("jobs", url)  # noqa: E731
     made = Stage(make)
-    if request.param == "postgres":
+    if url:
         made.at_once = AT_ONCE
     await made.serve()
     yield made
     await made.close()
+    if url:
+        stores.ring(url)
 
 
 async def timed(work: Any) -> tuple[Any, float]:
@@ -310,6 +313,7 @@ async def pair(postgres: Server) -> AsyncIterator[Stage]:
     await made.serve("jobs-2")
     yield made
     await made.close()
+    stores.ring(url)
 
 
 async def test_two_services_of_one_database_ring_each_other(pair: Stage) -> None:
