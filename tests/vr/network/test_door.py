@@ -35,7 +35,7 @@ from robotree.vr.network.mesh import HANGS, MOST_MEMBERS, RECENT, Mesh
 from robotree.vr.network.readers import Sockets
 from robotree.vr.network.refusals import EVERY, RefusalKind, Refusals
 from robotree.vr.network.rendezvous import Rendezvous
-from tests.vr.network.visitor import SOON, Visitor
+from tests.vr.network.visitor import SOON, Visitor, descriptors
 from tests.waiting import wait_until
 
 ARM = "robot/arm-1/1"
@@ -59,10 +59,6 @@ def visitor(mesh: Mesh) -> Iterator[Visitor]:
 def announced(mesh: Mesh) -> set[str]:
     """What others hold, also visitors: they have no beat, and so are not present for long."""
     return {key for peer in list(mesh._peers.values()) for key in list(peer.known[Topic.HOLDS])}
-
-
-def descriptors() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 # -- who it is -------------------------------------------------------------------------------------

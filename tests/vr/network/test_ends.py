@@ -12,7 +12,7 @@ import pytest
 from robotree.vr.network.link import Channel, News, Sample, Topic
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.rendezvous import Rendezvous
-from tests.vr.network.visitor import SOON, Visitor
+from tests.vr.network.visitor import SOON, Visitor, descriptors
 from tests.waiting import wait_until
 
 KEY = "robot/arm-1/1"
@@ -46,10 +46,6 @@ def held_up(tmp_path: Path) -> Iterator[HeldUp]:
     yield one
     one.go.set()
     one.mesh.close().result(SOON)
-
-
-def descriptors() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 def visit(held_up: HeldUp) -> Visitor:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import socket
 import threading
 from collections import Counter
 
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 
 from robotree.vr.base.errors import NoAnswer, TransportClosed, Unreachable
 from robotree.vr.base.pattern import Handlers, Keys, matches
+from robotree.vr.network.link import PIECE, PeerLink, Sample, Unpacker, pack
 from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox
 from robotree.vr.world.promises import replies_of
 from robotree.vr.world.testing import in_virtual_time
@@ -140,3 +143,26 @@ def test_an_inbox_may_outlive_its_loop() -> None:
     inbox = asyncio.run(make())
     inbox.put(1)
     assert taken == []
+
+
+def test_a_receiver_that_does_not_read_misses_older_samples_and_never_the_newest_of_a_key() -> None:
+    near, far = socket.socketpair()
+    link, unpacker = PeerLink(near, wants_to_write=lambda _: None), Unpacker()
+    for number in range(1000):
+        for key in ("a", "b"):
+            link.publish(key, pack(Sample(key, b"%d " % number + bytes(4000))))
+    heard: dict[str, list[int]] = {"a": [], "b": []}
+    waits = True
+    while waits:
+        waits = link.flush()
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                for frame in unpacker.feed(far.recv(PIECE, socket.MSG_DONTWAIT)):
+                    assert isinstance(frame, Sample)
+                    heard[frame.key].append(int(frame.body.split()[0]))
+    link.close()
+    far.close()
+    for numbers in heard.values():
+        assert numbers[-1] == 999
+        assert numbers == sorted(set(numbers)), "in their order, each once"
+        assert len(numbers) < 400, "more do not wait"

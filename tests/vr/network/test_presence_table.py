@@ -15,6 +15,7 @@ from robotree.vr.base.presence import LONGEST, Held, Presence
 from robotree.vr.network.mesh import HANGS, LATE, RECENT, STEADY, Mesh
 from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.world.testing import in_virtual_time
+from tests.waiting import wait_until
 
 ARM = "robot/arm/1"
 HELD = Held(ARM, "process 4711", "wake it")
@@ -186,11 +187,11 @@ def test_a_process_that_misses_its_beat_is_late_within_a_second_and_does_not_fli
         mesh.open()
     there.announce(ARM)
     try:
-        await_that(lambda: here.presence.there(ARM))
+        wait_until(lambda: here.presence.there(ARM), "it is not so")
         assert here.presence.late("**") == []
         beat, last = there.place.beat, time.monotonic()
         monkeypatch.setattr(there.place, "beat", lambda _: None)
-        await_that(lambda: here.presence.late("robot/*/*") != [])
+        wait_until(lambda: here.presence.late("robot/*/*") != [], "it is not so")
         assert LATE - 0.05 < time.monotonic() - last < HANGS
         assert here.presence.there(ARM), "it counts as present"
         assert here.presence.hangs("**") == [], "and not as one that hangs"
@@ -215,20 +216,13 @@ def test_who_says_so_has_left_and_who_dies_has_not(tmp_path: Path) -> None:
     try:
         polite.announce("robot/polite/1")
         lost.announce("robot/lost/1")
-        await_that(lambda: len(here.presence.keys("robot/*/*")) == 2)
+        wait_until(lambda: len(here.presence.keys("robot/*/*")) == 2, "it is not so")
         polite.withdraw("robot/polite/1")
         for mesh in (polite, lost):
             mesh.close().result(60.0)
-        await_that(lambda: here.presence.keys("robot/*/*") == [])
+        wait_until(lambda: here.presence.keys("robot/*/*") == [], "it is not so")
         assert here.presence.left("robot/polite/1"), "though its process has ended since"
         assert not here.presence.left("robot/lost/1")
     finally:
         for mesh in (here, polite, lost):
             mesh.close().result(60.0)
-
-
-def await_that(condition: Callable[[], bool]) -> None:
-    began = time.monotonic()
-    while not condition():
-        assert time.monotonic() - began < 60.0
-        time.sleep(0.01)

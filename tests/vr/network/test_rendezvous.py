@@ -7,7 +7,6 @@ import contextlib
 import errno
 import os
 import random
-import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -24,6 +23,8 @@ from robotree.vr.network.mesh import RECENT, Mesh
 from robotree.vr.network.readers import What
 from robotree.vr.network.realms import all_realms, realm_folder, runtime_directory
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
+
+root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a directory away")
 
 
 def place_at(folder: Path) -> Rendezvous:
@@ -314,20 +315,6 @@ def test_what_was_abandoned_on_the_way_in_is_removed_after_a_while(tmp_path: Pat
     assert names(place) == {new.name}
 
 
-def test_a_process_is_registered_until_its_name_is_gone(tmp_path: Path) -> None:
-    place = place_at(tmp_path)
-    door = place.register()
-    place.hold("robot/a/1")
-    assert place.registered()
-    shutil.rmtree(place.directory)
-    assert not place.registered()
-    door.close()
-    door = place.register()
-    assert place.registered()
-    assert place.keys_of(place.tag) == ["robot/a/1"]
-    door.close()
-
-
 def test_the_place_is_private(tmp_path: Path) -> None:
     (tmp_path / "r").mkdir(mode=0o755)
     place = Rendezvous("test", tmp_path / "r")
@@ -335,45 +322,34 @@ def test_the_place_is_private(tmp_path: Path) -> None:
     assert (tmp_path / "r").stat().st_mode & 0o777 == 0o700
 
 
-def test_a_place_that_is_no_directory_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "r").write_text("a file")
-    with pytest.raises(RealmUnusable, match="set XDG_RUNTIME_DIR"):
-        Rendezvous("test", tmp_path / "r")
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a directory away")
-def test_somebody_elses_place_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "r").mkdir()
-    os.chown(tmp_path / "r", 65534, 65534)
-    with pytest.raises(RealmUnusable, match="belongs to somebody else"):
-        Rendezvous("test", tmp_path / "r")
-
-
-@pytest.mark.parametrize("linked", ["r", "r/test"])
-def test_a_folder_that_is_a_link_is_refused_and_what_it_leads_to_stays_as_it_is(
-    tmp_path: Path, linked: str
+@pytest.mark.parametrize(
+    ("prepare", "words"),
+    [
+        (lambda root: (root / "r").write_text("a file"), "set XDG_RUNTIME_DIR"),
+        (lambda root: (root / "r").symlink_to(root / "else"), "symbolic link"),
+        (lambda root: ((root / "r").mkdir(), (root / "r/test").symlink_to(root / "else")), "symbolic link"),
+        (lambda root: root.chmod(0o777), "where every user can write"),
+        pytest.param(
+            lambda root: ((root / "r").mkdir(), os.chown(root / "r", 65534, 65534)),
+            "belongs to somebody else",
+            marks=root_only,
+        ),
+        pytest.param(lambda root: os.chown(root, 65534, 65534), "belongs to user 65534", marks=root_only),
+    ],
+)
+def test_a_place_that_is_not_this_users_alone_is_refused_and_nothing_is_made_there(
+    tmp_path: Path, prepare: Callable[[Path], object], words: str
 ) -> None:
-    (tmp_path / "shared").mkdir()
-    (tmp_path / "shared").chmod(0o1777)
-    (tmp_path / linked).parent.mkdir(exist_ok=True)
-    (tmp_path / linked).symlink_to(tmp_path / "shared")
-    with pytest.raises(RealmUnusable, match="symbolic link"):
-        Rendezvous("test", tmp_path / "r")
-    assert (tmp_path / "shared").stat().st_mode & 0o7777 == 0o1777
-    assert not list((tmp_path / "shared").iterdir())
-
-
-def test_a_folder_in_which_others_can_exchange_the_realms_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "shared").mkdir()
-    (tmp_path / "shared").chmod(0o777)
-    with pytest.raises(RealmUnusable, match="where every user can write"):
-        Rendezvous("test", tmp_path / "shared" / "r")
-    (tmp_path / "shared").chmod(0o1777)  # as /tmp: nobody else can rename what is ours
-    assert Rendezvous("test", tmp_path / "shared" / "r").directory.is_dir()
-    if os.geteuid() == 0:
-        os.chown(tmp_path / "shared", 65534, 65534)
-        with pytest.raises(RealmUnusable, match="belongs to user 65534"):
-            Rendezvous("test", tmp_path / "shared" / "r")
+    root = tmp_path / "root"
+    (root / "else").mkdir(parents=True)
+    root.chmod(0o1777)  # as /tmp: nobody else can rename what is ours
+    (root / "else").chmod(0o1777)
+    assert Rendezvous("test", root / "mine").directory.is_dir()
+    prepare(root)
+    with pytest.raises(RealmUnusable, match=words):
+        Rendezvous("test", root / "r")
+    assert (root / "else").stat().st_mode & 0o7777 == 0o1777
+    assert not list((root / "else").iterdir())
 
 
 async def test_a_path_too_long_for_a_socket_is_no_obstacle(tmp_path: Path) -> None:

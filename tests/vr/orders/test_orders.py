@@ -175,7 +175,10 @@ async def test_a_running_order_that_is_cancelled_ends(stage: Stage) -> None:
 async def test_a_stop_holds_who_is_away_until_a_person_releases_it(stage: Stage) -> None:
     _, person, ledger = await furnished(stage)
     key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
-    assert await person.orders.hold() == (["d1"], [])
+    await stage.directory("d2")
+    stage.network.freeze(stage.transports["d2"])
+    assert await person.orders.hold() == (["d1"], ["d2"]), "who does not answer is named"
+    stage.network.thaw(stage.transports["d2"])
     rover = Rover("r1")
     agent = await stage.robot(rover, ledger)
     await asyncio.sleep(20)

@@ -159,6 +159,8 @@ async def test_a_host_for_one_robot_takes_no_other(world: World) -> None:
         await world.create("c")
     assert (await world.create("a")).host == "host-0"
     over = asyncio.ensure_future(alone.deserted(5))
+    await asyncio.sleep(10)
+    assert not over.done()
     await world.realm_client.delete("a")
     await over
     await alone.deserted(5)  # what has come and gone does not come again

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import Any
 
 import pytest
 
 from robotree.vr.base.errors import NotConfirmed, Stopped
+from robotree.vr.base.requests import State
 from robotree.vr.base.transport import Incoming
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.supervision.stop import CONFIRM
@@ -147,3 +149,18 @@ async def test_a_stop_that_came_after_a_resume_was_given_stays_however_late_the_
     with pytest.raises(NotConfirmed, match=r"NOT by .*r1 \(it was stopped again"):
         await world.realm_client.resume("carrier", given=given)
     assert sorted(await world.realm_client.resume(None)) == ["r1", "r2"]
+
+
+async def test_a_release_ends_no_stop_that_was_not_heard_of_when_it_was_asked_for(world: World) -> None:
+    """At another site the clocks tell nothing; the robots count their stops."""
+    heard: dict[str, State] = {}
+    watching = await world.realm_client.watch_state(None, heard.__setitem__)
+    for name in ("r1", "r2"):
+        world.agents[name].stop("first")
+    await until(lambda: [state.stops for state in heard.values()] == [1, 1], "both stops are heard of")
+    releasing = asyncio.create_task(world.realm_client.resume(None, given=math.inf))
+    await asyncio.sleep(0)  # it is asked for, and nobody was reached yet
+    world.agents["r2"].stop("second")
+    with pytest.raises(NotConfirmed, match=r"confirmed by r1 but NOT by r2 \(it was stopped again"):
+        await releasing
+    await watching.close()
