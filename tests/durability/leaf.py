@@ -2,16 +2,13 @@
 
     leaf.py FILE NAME…
 
-A line of the file is `begin|end|cut ROBOT NUMBER KEY TIME`. If a file `kill` beside it has `NUMBER PID`, that
-process is killed when so many things were done.
+A line of the file is `begin|end ROBOT NUMBER KEY TIME`.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import os
-import signal
 import sys
 import time
 from pathlib import Path
@@ -21,8 +18,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.network.local import join
 
-FILE = Path(sys.argv[1])
-LOG = os.open(FILE, os.O_CREAT | os.O_WRONLY | os.O_APPEND, 0o600)
+LOG = os.open(Path(sys.argv[1]), os.O_CREAT | os.O_WRONLY | os.O_APPEND, 0o600)
 
 
 class Arm(Robot):
@@ -41,24 +37,11 @@ class Arm(Robot):
     def act(self, n: int, seconds: float = 0.0) -> int:
         """Do one thing, which takes its time."""
         self.note("begin", n)
-        try:
-            if seconds:
-                self.sleep(seconds)
-        except BaseException:
-            self.note("cut", n)
-            raise
+        if seconds:
+            self.sleep(seconds)
         self.note("end", n)
         self.done += 1
-        self.kill_at(n)
         return n * 2
-
-    def kill_at(self, number: int) -> None:
-        order = FILE.with_name("kill")
-        with contextlib.suppress(FileNotFoundError):
-            at, pid = order.read_text().split()
-            if int(at) == number:
-                order.unlink()
-                os.kill(int(pid), signal.SIGKILL)
 
 
 async def main() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from robotree.vr.base.envelope import sitting_at
@@ -101,30 +99,25 @@ def test_what_another_site_saw_of_an_agent_counts_less_than_what_was_told_where_
     assert [site_told(line.line) for line in watched.chronicle.lines] == ["lab", "hall", "hall"]
 
 
-async def test_the_realm_remembers_by_whom_a_robot_was_created_stopped_and_deleted(tmp_path: Path) -> None:
-    world = World(tmp_path)
-    await world.open()
-    try:
-        with sitting_at("pts/3"):
-            await world.create("carrier")
-            await world.realm_client.stop(None)
-            await world.realm_client.resume(None)
-            await world.realm_client.delete("carrier")
-            with pytest.raises(NotVirtual):
-                await world.realm_client.delete("r1")
-        logged = [line.text for line in world.agents["r1"].runtime.log.since(0)]
-        assert not [text for text in logged if "deleted" in text], "a refusal is no deletion"
-        await until(lambda: not world.host.agents, "it has ended")
-        history = [one.line for one in await world.realm_client.read_history() if one.name == "carrier"]
-        texts = [line.text for line in history]
-        assert any(text.startswith("carrier (robot") and text.endswith(") has come") for text in texts)
-        assert any("created from" in text and text.endswith("@pts/3") for text in texts)
-        stops = [text for text in texts if text.startswith("stopped: ")]
-        assert len(stops) == 1, "two ways to a robot are one stop"
-        assert stops[0].endswith("@pts/3's protective stop")
-        assert any(text.startswith("resumed by") and text.endswith("@pts/3") for text in texts)
-        assert any(text.startswith("deleted by") and text.endswith("@pts/3") for text in texts)
-        assert any(text.endswith(") has left") for text in texts)
-        assert all(line.unix > 0 for line in history)
-    finally:
-        await world.close()
+async def test_the_realm_remembers_by_whom_a_robot_was_created_stopped_and_deleted(world: World) -> None:
+    with sitting_at("pts/3"):
+        await world.create("carrier")
+        await world.realm_client.stop(None)
+        await world.realm_client.resume(None)
+        await world.realm_client.delete("carrier")
+        with pytest.raises(NotVirtual):
+            await world.realm_client.delete("r1")
+    logged = [line.text for line in world.agents["r1"].runtime.log.since(0)]
+    assert not [text for text in logged if "deleted" in text], "a refusal is no deletion"
+    await until(lambda: not world.host.agents, "it has ended")
+    history = [one.line for one in await world.realm_client.read_history() if one.name == "carrier"]
+    texts = [line.text for line in history]
+    assert any(text.startswith("carrier (robot") and text.endswith(") has come") for text in texts)
+    assert any("created from" in text and text.endswith("@pts/3") for text in texts)
+    stops = [text for text in texts if text.startswith("stopped: ")]
+    assert len(stops) == 1, "two ways to a robot are one stop"
+    assert stops[0].endswith("@pts/3's protective stop")
+    assert any(text.startswith("resumed by") and text.endswith("@pts/3") for text in texts)
+    assert any(text.startswith("deleted by") and text.endswith("@pts/3") for text in texts)
+    assert any(text.endswith(") has left") for text in texts)
+    assert all(line.unix > 0 for line in history)
