@@ -158,39 +158,38 @@ def test_a_realm_in_which_nobody_is_names_those_that_have_robots(realm: Realm) -
                 look()
 
 
-BLOCKING = """from robotree import connect
-with connect() as realm:
-    {}
-"""
-WITH_ASYNCIO = """import asyncio, robotree
+CALLS = {
+    "realm['ann'].stumble()": "a stone",
+    "realm['ann'].walk(99, steps=2)": "walk: x",
+    "realm['bob'].walk(x=1)": "no robot named 'bob'",
+}
+BLOCKING = """import traceback, robotree
+with robotree.connect() as realm:"""
+WITH_ASYNCIO = """import asyncio, traceback, robotree
 async def main():
-    async with robotree.connect_async() as realm:
-        await {}
-asyncio.run(main())
-"""
+  async with robotree.connect_async() as realm:"""
+TRIED = """
+    try: {}
+    except Exception: traceback.print_exc()"""
 
 
-@pytest.mark.parametrize("program", [BLOCKING, WITH_ASYNCIO])
 @pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        ("realm['ann'].stumble()", "a stone"),
-        ("realm['ann'].walk(99, steps=2)", "walk: x"),
-        ("realm['bob'].walk(x=1)", "no robot named 'bob'"),
-    ],
+    ("begin", "waits", "end"), [(BLOCKING, "", ""), (WITH_ASYNCIO, "await ", "\nasyncio.run(main())")]
 )
 def test_the_traceback_of_a_program_is_its_own_line_and_a_sentence(
-    realm: Realm, program: str, call: str, sentence: str
+    realm: Realm, begin: str, waits: str, end: str
 ) -> None:
     assert realm.name
-    lines = subprocess.run(
-        [sys.executable, "-c", program.format(call)], capture_output=True, text=True, check=False
-    ).stderr.splitlines()
-    files = [line for line in lines if line.startswith("  File ")]
-    ours = [line for line in files if "<string>" not in line and "/asyncio/" not in line]
-    assert lines.count("Traceback (most recent call last):") == 1, lines
-    assert sentence in lines[-1], lines
-    assert len(ours) <= 2, lines
+    program = begin + "".join(TRIED.format(waits + call) for call in CALLS) + end
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stderr
+    nothing, *traces = told.split("Traceback (most recent call last):")
+    assert nothing == ""
+    for trace, sentence in zip(traces, CALLS.values(), strict=True):
+        *lines, last = trace.strip().splitlines()
+        files = [line for line in lines if line.startswith("  File ")]
+        ours = [line for line in files if "<string>" not in line and "/asyncio/" not in line]
+        assert sentence in last, trace
+        assert len(ours) <= 2, trace
 
 
 def test_a_command_is_called_as_in_a_page_and_returns_its_result(realm: Realm) -> None:
@@ -310,18 +309,14 @@ def test_a_command_ends_with_the_block_that_has_started_it_and_a_told_one_goes_o
     assert realm["ann"].readings.x == pytest.approx(5.0)
 
 
-def test_a_command_ends_with_the_program_however_that_ends(realm: Realm) -> None:
-    program = subprocess.Popen(
-        [sys.executable, "-c", "import robotree\nrobotree.connect()['ann'].walk(x=1, steps=2000)"]
-    )
-    while realm.describe("ann").busy != "walk":
-        time.sleep(0.02)
-    program.kill()
-    program.wait()
-    assert realm["ann"].walk(x=0, within="5 s") == 0.0
-
-
-def test_ctrl_c_ends_the_command_that_the_program_waits_for(realm: Realm) -> None:
+@pytest.mark.parametrize(
+    ("signal_", "last"),
+    [(signal.SIGKILL, ""), (signal.SIGINT, "KeyboardInterrupt")],
+    ids=["killed", "ctrl-c"],
+)
+def test_a_command_ends_with_the_program_however_that_ends(
+    realm: Realm, signal_: signal.Signals, last: list[str]
+) -> None:
     program = subprocess.Popen(
         [sys.executable, "-c", "import robotree\nrobotree.connect()['ann'].walk(x=1, steps=2000)"],
         stderr=subprocess.PIPE,
@@ -329,9 +324,9 @@ def test_ctrl_c_ends_the_command_that_the_program_waits_for(realm: Realm) -> Non
     )
     while realm.describe("ann").busy != "walk":
         time.sleep(0.02)
-    program.send_signal(signal.SIGINT)
+    program.send_signal(signal_)
     _, complaints = program.communicate(timeout=60)
-    assert complaints.strip().endswith("KeyboardInterrupt")
+    assert complaints.splitlines()[-1:] == last
     assert realm["ann"].walk(x=0, within="5 s") == 0.0
 
 

@@ -6,7 +6,7 @@ somebody answers, and stops hold whom they reach. Then all is healed.
 
 The laws: what may be done once begins once at most; an order whose cancel all its holders have confirmed does
 not begin afterwards; nothing begins while all directories hold the rover; when all is healed the directories
-say the same, and each order that was acknowledged is there and over.
+say the same, and each order that was acknowledged is there and over, as what it has done.
 """
 
 from __future__ import annotations
@@ -48,6 +48,8 @@ class OrderStory:
         """Keys of the motions that have begun, over all lives of the rover."""
         self.known: list[str] = []
         """Keys of the orders that were acknowledged, in the order in which they were."""
+        self.once: set[str] = set()
+        """Those of them that may be carried out once only."""
         self.safe: dict[str, int] = {}
         """How often each order had begun when the last holder of it had confirmed its cancel."""
         self.held: int | None = None
@@ -92,8 +94,11 @@ class OrderStory:
 
     async def leave(self) -> None:
         person, seconds = self.chance.choice(self.people), self.chance.choice((0.1, 1.0, 4.0))
-        left = await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": seconds}, begin_within=600.0)
+        command = self.chance.choice(("drive", "drive", "go_to"))
+        left = await person.orders.leave("r1", command, {"x": 1.0, "seconds": seconds}, begin_within=600.0)
         self.known.append(left.order.key)
+        if command == "drive":
+            self.once.add(left.order.key)
 
     async def cancel(self) -> None:
         if self.known:
@@ -147,8 +152,7 @@ class OrderStory:
     # -- the judge --------------------------------------------------------------------------------
 
     def look(self) -> None:
-        twice = {key for key in self.begun if self.begun.count(key) > 1}
-        if twice:
+        if any(self.begun.count(key) > 1 for key in self.once):
             self.break_law("an order was carried out twice")
         if any(self.begun.count(key) > count for key, count in self.safe.items()):
             self.break_law("an order began after all had confirmed its cancel")
@@ -172,17 +176,21 @@ class OrderStory:
         await self.switch_on()
         await asyncio.sleep(CALM)
         self.look()
-        memories = [
-            {key: (order.state, order.value) for key, order in each.book.store.orders.items()}
-            for each in self.stage.services
-        ]
-        if any(memory != memories[0] for memory in memories):
+        stores = [each.book.store for each in self.stage.services]
+        orders = stores[0].orders
+        if any((each.orders, each.holds) != (orders, stores[0].holds) for each in stores):
             self.break_law("directories that are together say different things")
-        if any(key not in memories[0] for key in self.known):
+        if any(key not in orders for key in self.known):
             self.break_law("an order that was acknowledged is lost")
-        if any(state in {"waiting", "taken"} for state, _ in memories[0].values()):
-            self.break_law("an order has no end")
-        self.trace.append(f"{sorted(self.begun)} {sorted(memories[0].items())}")
+        for key, order in orders.items():
+            if not order.over:
+                self.break_law("an order has no end")
+            if order.state in {"refused", "cancelled", "expired"} and key in self.begun:
+                self.break_law(f"an order that was {order.state} had begun")
+            if order.state == "done" and key not in self.begun:
+                self.break_law("an order is done that never began")
+        states = sorted((key, order.state) for key, order in orders.items())
+        self.trace.append(f"{sorted(self.begun)} {states}")
 
 
 def play(seed: int) -> tuple[str, OrderStory]:

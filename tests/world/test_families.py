@@ -45,6 +45,7 @@ SEEDS: dict[str, Sequence[int]] = {
     "host at statements": range(4),
     "rights": range(1),
     "hands": range(2),
+    "orders": range(2, 6),
     "groups": (0, 1, 4),  # in 4 a question ends by its limit
     "sites": range(2),
     "whole": (4,),
@@ -58,6 +59,7 @@ LIVELY: dict[str, Callable[[list[Any]], bool]] = {
     "host": lambda played: all(one.deeds and one.done > 5 for one in played),
     "rights": lambda played: all(len(one.tickets) > 10 for one in played),
     "hands": lambda played: all(one.steps > 50 and one.told > 5 and one.tickets for one in played),
+    "orders": lambda played: sum(len(one.begun) for one in played) > 15,
     "groups": lambda played: (
         all(one.reached >= 4 and one.failures >= 10 and one.counted >= 5 for one in played)
         and any(one.ends["nobody"] for one in played)
