@@ -185,7 +185,13 @@ async def test_a_command_that_goes_on_is_a_task_and_so_is_one_that_waits_for_a_p
         await look(task, "tasks/cancel")
         assert (await ended(task)).status == "cancelled"
         await until(lambda: hall.agent.description().busy == "", "it has ended")
-        # a permit is a task that waits; it begins when it is asked for after the yes
+        task = text(await client.call_tool("cart-1__walk", {"x": 1000, "_why": "a long way"}))
+        assert "ends" in text(await client.call_tool("robotree_withdraw", {"permit": task}))
+        assert (await ended(task)).result is not None
+        # a permit is a task that waits; it can be taken back, or begins when it is asked for after the yes
+        permit = text(await client.call_tool("cart-2__walk", {"x": 0.01, "_why": "w"}))
+        await look(permit, "tasks/cancel")
+        assert (await look(permit)).status == "cancelled"
         permit = text(await client.call_tool("cart-2__walk", {"x": 0.02, "_why": "w"}))
         assert (await look(permit)).status == "working"
         hall.floor.permits.answer(permit, yes=True, by="anna")

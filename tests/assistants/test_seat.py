@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import time
 from pathlib import Path
@@ -32,6 +33,10 @@ def test_what_was_used_counts_for_its_time_whatever_the_clock_does(tmp_path: Pat
         found.expect("calls", terms, at, assistant="claude")
         found.use("calls", 1.0, at)
 
+    def spend_thrice(found: Budget, at: float) -> None:
+        for _ in range(3):
+            spend(found, at)
+
     for _ in range(2):
         Record(tmp_path, "claude", lambda: now[0]).change(spend)
     again = Record(tmp_path, "claude", lambda: now[0])  # a server that is started anew
@@ -40,7 +45,10 @@ def test_what_was_used_counts_for_its_time_whatever_the_clock_does(tmp_path: Pat
     assert spent.value.data["seconds"] == 60
     Record(tmp_path, "other", lambda: now[0]).change(spend)
     now[0] += 60.0
+    with pytest.raises(BudgetSpent):
+        again.change(spend_thrice)
     again.change(spend)
+    assert again.budget().used("calls", now[0]) == 1
 
 
 def test_many_uses_are_a_short_list_and_none_is_forgotten_early() -> None:
@@ -100,13 +108,14 @@ async def test_a_flood_is_not_dealt_with_and_a_stop_in_it_is_heard(
 @pytest.mark.parametrize("gone", ["hold", "stop", "finish"])
 async def test_when_it_is_gone_its_robots_do_what_the_policy_says(hall: Hall, gone: str) -> None:
     going = await hall.far(f", gone: {gone}")
-    await hall.seat.leave("it has gone")
+    closing = asyncio.create_task(hall.seat.close())
     if gone == "finish":
         here = hall.cart.at
         await until(lambda: hall.cart.at > here + 5 * STEP, "it walks on")
         assert not going.over
         going.end("enough")
     assert await going.wait(PATIENCE)
+    await closing
     await until(lambda: hall.agent.description().busy == "", "it has ended")
     assert hall.stopped == (gone == "stop")
     assert f"it has gone: {gone}" in [one.text for one in hall.seat.record.entries()]
@@ -189,3 +198,5 @@ async def test_robots_of_one_kind_share_what_their_tools_have_in_common(hall: Ha
             {"tools": AssistantServer(hall.seat)._tools_page(None)[0], "resultType": "complete"}
         )
         assert "cart-3__walk" in {tool.name for tool in listed.tools}
+        hall.rule(right="resume")
+        assert hall.seat.tools() == {}, "what it may neither do nor ask for it is not shown"

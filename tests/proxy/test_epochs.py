@@ -79,3 +79,4 @@ async def test_an_epoch_with_no_room_above_it_is_left_alone(make_controller: typ
         with pytest.raises(StaleEpoch):
             await client.call("hold", {})
         assert agent.description().epoch < 2**31
+        assert not [one for one in controller.heard if isinstance(one, Goal) and one.verb != Verb.STATUS]

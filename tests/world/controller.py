@@ -96,9 +96,7 @@ class Cell:
 class CartController:
     """The controller of one cart: the real firmware, in virtual time. Its power and its cables can fail."""
 
-    def __init__(
-        self, world: World, name: str, *, tell: OnBegin, claims: bool = True, fence: Fence | None = None
-    ) -> None:
+    def __init__(self, world: World, name: str, *, tell: OnBegin, claims: bool = True) -> None:
         """Switch it on.
 
         Args:
@@ -107,7 +105,6 @@ class CartController:
             tell: what begins to move: controller, ticket, epoch.
             claims: whether it knows claims; one that does not says no number of its life, and only its fence
                 refuses goals of an old lease.
-            fence: which epochs it obeys; None: as it should.
         """
         self.world, self.name, self._tell, self._claims = world, name, tell, claims
         self.delay, self.jitter = 0.002, 0.0
@@ -116,7 +113,7 @@ class CartController:
         self.slowest = 0.0
         """[s] The longest way that a frame may have had."""
         self.reachable = True
-        self.fence = Fence() if fence is None else fence
+        self.fence = Fence()
         self._life = 0
         self._cables: list[Cable] = []
         self._due = 0.0

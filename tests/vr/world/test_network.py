@@ -217,21 +217,6 @@ async def test_a_request_without_waiting_is_taken_directly_or_by_the_handler() -
     assert heard[5:] == [None]
 
 
-@in_virtual_time
-async def test_an_asker_hears_the_end_when_its_server_dies() -> None:
-    network = MemoryNetwork(delay=0.01)
-    server, caller = network.join("server"), network.join("caller")
-    heard: list[bytes | None] = []
-    await server.serve(KEY, lambda _: None)
-    await asyncio.sleep(0.1)
-    caller.ask(KEY, b"", on_reply=heard.append)
-    await asyncio.sleep(0.1)
-    assert heard == []
-    network.kill(server)
-    await asyncio.sleep(0.1)
-    assert heard == [None]
-
-
 @pytest.mark.parametrize("accident", ["kill", "vanish", "pause", "freeze"])
 @in_virtual_time
 async def test_no_accident_harms_the_others(accident: str) -> None:
