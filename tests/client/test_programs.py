@@ -311,7 +311,7 @@ def test_a_command_ends_with_the_block_that_has_started_it_and_a_told_one_goes_o
 
 @pytest.mark.parametrize(
     ("signal_", "last"),
-    [(signal.SIGKILL, ""), (signal.SIGINT, "KeyboardInterrupt")],
+    [(signal.SIGKILL, []), (signal.SIGINT, ["KeyboardInterrupt"])],
     ids=["killed", "ctrl-c"],
 )
 def test_a_command_ends_with_the_program_however_that_ends(
