@@ -69,7 +69,7 @@ EYE = SlotSpec(name="eye", kind="Tool", watch=True)
 
 
 def decoded(state: S) -> S:
-    """Return a state after it was written as MessagePack and read again: what goes on from it does the same."""
+    """Return a state after it was written as MessagePack and read again: what goes on from it is the same."""
     return msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=type(state))
 
 
