@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import pytest
 
 from robotree.client.blocking import Realm, connect
 from robotree.tui.exit_codes import DONE
+from robotree.vr.base.errors import VrError
 from tests.command_line import ROBOTREE
 from tests.ports import free_port
 
@@ -99,16 +100,22 @@ class Machine:
         with realm:
             yield realm
 
+    def until(self, holds: Callable[[Realm], object], sentence: str) -> None:
+        """Wait until something is so in its realm; nothing is so while its question has no answer."""
+        latest = time.monotonic() + 2 * LINKED
+        with self.joined() as realm:
+            while True:
+                with contextlib.suppress(VrError):
+                    if holds(realm):
+                        return
+                assert time.monotonic() < latest, f"in vain: {sentence}"
+                time.sleep(0.1)
+
     def until_listed(self, name: str, *, there: bool = True) -> None:
-        latest = time.monotonic() + LINKED
-        while True:
-            done = subprocess.run(
-                [*ROBOTREE, "ls", "--json"], capture_output=True, text=True, check=False, env=self.environment
-            )
-            if (f'"name": "{name}"' in done.stdout) == there:
-                return
-            assert time.monotonic() < latest, (name, done.stdout, done.stderr)
-            time.sleep(0.2)
+        self.until(
+            lambda realm: (name in {one.address.name for one in realm.ls()}) == there,
+            f"{name} is listed: {there}",
+        )
 
 
 class Plant:

@@ -11,9 +11,11 @@ import struct
 import subprocess
 import sys
 import termios
+import threading
 import time
 from pathlib import Path
 
+from robotree.vr.base.principal import user_name
 from tests.command_line import ROBOTREE
 
 ENTER, TAB, BACKSPACE, DOWN, RIGHT = "\r", "\t", "\x7f", "\x1b[B", "\x1b[C"
@@ -49,7 +51,7 @@ class Terminal:
         self.pid = self._leader.pid
         self._inside = os.ttyname(inside)
         os.close(inside)
-        self.shown = b""
+        self.shown: bytes = b""
 
     def shows(self, *texts: bytes, within: float = 60.0) -> None:
         """Read what is shown until one of these is there."""
@@ -110,6 +112,33 @@ class Person(Terminal):
         if not self.is_over():
             os.kill(self.pid, signal.SIGTERM)
         self.wait()
+
+
+class Sitting(Person):
+    """A person whose terminal is read all the time: a screen that nobody reads soon hears nothing, either."""
+
+    def __init__(self, *words: str) -> None:
+        super().__init__(*words)
+        self._reading = threading.Thread(target=self._read, daemon=True)
+        self._reading.start()
+
+    def _read(self) -> None:
+        with contextlib.suppress(OSError):
+            while data := os.read(self._master, 65536):
+                self.shown += data
+
+    def shows(self, *texts: bytes, within: float = 60.0) -> None:
+        began = time.monotonic()
+        while not any(text in self.shown for text in texts):
+            assert time.monotonic() < began + within, self.shown[-3000:].decode(errors="replace")
+            time.sleep(0.02)
+
+    def presses(self, keys: str) -> None:
+        os.write(self._master, keys.encode())
+
+    @property
+    def name(self) -> str:
+        return f"{user_name(os.geteuid())}@{self.terminal}"
 
 
 def living(pid: int) -> bool:

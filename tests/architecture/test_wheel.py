@@ -95,6 +95,7 @@ def demo(
     latest = time.monotonic() + 120
     while not {"arm-1", "rover-1"} <= set(type_line("ls").stdout.split()):
         assert time.monotonic() < latest, "the demo lists no robots"
+        time.sleep(0.5)  # each question is a process, beside those that begin
     yield type_line
     process.terminate()
     process.wait(60)

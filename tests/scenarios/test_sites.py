@@ -15,9 +15,9 @@ import pytest
 from robotree.tui.exit_codes import DONE, NOBODY, REFUSED
 from tests.command_line import ROBOTREE
 from tests.listening import listening
-from tests.plant import EXAMPLES, LINKED, Machine, Plant
+from tests.plant import EXAMPLES, Machine, Plant
 from tests.ports import free_port
-from tests.terminal import ENTER, Person
+from tests.terminal import ENTER, Sitting
 from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.story]
@@ -94,12 +94,12 @@ def test_a_command_goes_there_and_the_log_there_names_who_asked(plant: Plant) ->
 def test_operators_of_two_sites_see_and_hear_each_other(
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lab, people = plant.lab, list[Person]()
+    lab, people = plant.lab, list[Sitting]()
     for machine in (lab, plant.hall):
         with monkeypatch.context() as there:
             for variable, value in machine.environment.items():
                 there.setenv(variable, value)
-            people.append(Person("plant"))
+            people.append(Sitting("plant"))
     here, afar = people
     try:
         for person in people:
@@ -110,7 +110,9 @@ def test_operators_of_two_sites_see_and_hear_each_other(
         assert found["silent_sites"] == []
         afar.types(f":say the cup is hot{ENTER}", sees="")
         here.shows(b"the cup is hot")
-        assert lab.say("say", "tea is ready")["heard"] == 2, "a shell leaves when all have heard it"
+        wait_until(
+            lambda: lab.say("say", "tea is ready")["heard"] == 2, "all have heard it before a shell left"
+        )
         for person in people:
             person.shows(b"tea is ready")
         plant.hub.running["hub"].send_signal(signal.SIGSTOP)
@@ -222,27 +224,11 @@ def test_a_robot_that_hangs_at_another_site_is_named_with_what_helps_there(plant
 
 def resumed(machine: Machine) -> None:
     """Resume as soon as nobody commands a robot any more whose bond the cut has ended: its lease is over."""
-    latest = time.monotonic() + 60
-    while (
-        subprocess.run(
-            [*ROBOTREE, "resume"], capture_output=True, check=False, env=machine.environment
-        ).returncode
-        != DONE
-    ):
-        assert time.monotonic() < latest
-        time.sleep(0.2)
+    machine.until(lambda realm: realm.resume() is not None, "all are resumed")
 
 
 def linked(machine: Machine, robot: str) -> None:
-    latest = time.monotonic() + 2 * LINKED
-    while (
-        subprocess.run(
-            [*ROBOTREE, "show", robot], capture_output=True, check=False, env=machine.environment
-        ).returncode
-        != DONE
-    ):
-        assert time.monotonic() < latest
-        time.sleep(0.2)
+    machine.until(lambda realm: realm.describe(robot), f"{robot} answers")
 
 
 def test_a_stop_names_all_other_sites_where_the_own_gateway_is_dead(plant: Plant) -> None:

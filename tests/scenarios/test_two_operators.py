@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import signal
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,14 +14,12 @@ from typing import Any
 import pytest
 
 from robotree.tui import exit_codes
-from robotree.vr.base.principal import user_name
 from tests.command_line import robotree
-from tests.terminal import ENTER, Person
+from tests.terminal import ENTER, Sitting
 from tests.waiting import PATIENCE
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
 
-ME = user_name(os.geteuid())
 LEVER = """
 from robotree.vr import VirtualRobot, command
 
@@ -57,33 +54,6 @@ class Saw(VirtualRobot):
             self.sleep(0.05)
             self.turned += 1
 """
-
-
-class Sitting(Person):
-    """A person whose terminal is read all the time."""
-
-    def __init__(self, *words: str) -> None:
-        super().__init__(*words)
-        self._reading = threading.Thread(target=self._read, daemon=True)
-        self._reading.start()
-
-    def _read(self) -> None:
-        with contextlib.suppress(OSError):
-            while data := os.read(self._master, 65536):
-                self.shown += data
-
-    def shows(self, *texts: bytes, within: float = 60.0) -> None:
-        began = time.monotonic()
-        while not any(text in self.shown for text in texts):
-            assert time.monotonic() < began + within, self.shown[-3000:].decode(errors="replace")
-            time.sleep(0.02)
-
-    def presses(self, keys: str) -> None:
-        os.write(self._master, keys.encode())
-
-    @property
-    def name(self) -> str:
-        return f"{ME}@{self.terminal}"
 
 
 @pytest.fixture
