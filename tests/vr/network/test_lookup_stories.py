@@ -186,27 +186,6 @@ async def test_who_is_slow_to_register_with_a_new_lookup_does_not_flicker() -> N
 
 
 @in_virtual_time
-async def test_a_registration_that_failed_is_repeated() -> None:
-    network = MemoryNetwork()
-    service = await open_lookup(network, "lookup-1")
-    transport: Any = service._transport
-    handler = transport.served[service.address.key]
-    failures = iter(range(3))
-
-    def fail_at_first(incoming: Incoming) -> None:
-        if next(failures, None) is None:
-            handler(incoming)
-        else:
-            incoming.end(None)
-
-    transport.served[service.address.key] = fail_at_first
-    await Agent(network, "arm").start()
-    await asyncio.sleep(2)
-    onlooker = await Onlooker(network).start()
-    assert onlooker.names == ["arm"]
-
-
-@in_virtual_time
 async def test_a_service_that_heard_nothing_for_longer_than_the_lease_learns_everything_again() -> None:
     network, (service,), onlooker, arm, rover = await open_realm("arm", "rover", lookups=1)
     transport: Any = service._transport

@@ -80,47 +80,18 @@ def hangs(name: str, member: Any) -> str:
     )
 
 
-async def test_a_robot_that_was_frozen_when_all_were_stopped_stops_when_it_wakes(
-    start: Start, look: Look, newcomer: Newcomer
-) -> None:
-    """The order waits in the socket of its process, although the one who gave it has ended."""
-    _, frozen = await robots(start, "awake", "frozen")
-    realm_client = await look()
-    await until(lambda: len(realm_client.directory.present("robot")) == 2, "both are seen")
-    await frozen.freeze()
-    await until(lambda: len(realm_client.directory.present("robot")) == 1, "its presence is over")
-    with pytest.raises(NotConfirmed):
-        await newcomer.stop()
-    frozen.signal(signal.SIGCONT)
+async def stops_as_it_wakes(realm_client: RealmClient) -> None:
+    """The order waited in the socket of its process, although the one who gave it has ended."""
     await until(lambda: len(realm_client.directory.present("robot")) == 2, "it is seen again")
     while not (await realm_client.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
         await asyncio.sleep(0.001)
     with pytest.raises(Stopped):
         await realm_client.call("frozen", "move", {"x": 1.0})
-    assert list(await realm_client.resume(None)) == ["awake", "frozen"]
-    assert await realm_client.call("frozen", "move", {"x": 1.0}) == 1.0
 
 
-async def test_a_frozen_robot_whose_list_is_damaged_stops_when_it_wakes(
-    start: Start, look: Look, newcomer: Newcomer, place: Path
+async def test_a_newcomer_says_at_once_whom_its_stop_did_not_reach_and_who_wakes_stops(
+    start: Start, newcomer: Newcomer, look: Look
 ) -> None:
-    """Nobody can read which robots its process has, so the process is asked for the one that is meant."""
-    _, frozen = await robots(start, "awake", "frozen")
-    await frozen.freeze()
-    (held,) = (place / "robotree" / "test").glob(f"{frozen.process.pid}-*.held")
-    held.write_bytes(b"\0garbage\n")
-    with pytest.raises(NotConfirmed, match=f"process {frozen.process.pid} .*gone or damaged"):
-        await newcomer.stop("frozen")
-    frozen.signal(signal.SIGCONT)
-    realm_client = await look()
-    await until(lambda: len(realm_client.directory.present("robot")) == 2, "it is seen again")
-    async with asyncio.timeout(60):
-        while not (await realm_client.describe("frozen")).stopped:  # noqa: ASYNC110 # it reads the order as it wakes
-            await asyncio.sleep(0.001)
-    assert not (await realm_client.describe("awake")).stopped, "the other one was not meant"
-
-
-async def test_a_newcomer_says_at_once_whom_its_stop_did_not_reach(start: Start, newcomer: Newcomer) -> None:
     _, frozen = await robots(start, "awake", "frozen")
     lookup = await start("lookup", "l1")
     await lookup.ready()
@@ -131,11 +102,15 @@ async def test_a_newcomer_says_at_once_whom_its_stop_did_not_reach(start: Start,
     assert newcomer.took < AT_ONCE
     (late,) = newcomer.late
     assert late.endswith(f"without an answer yet from frozen (in process {frozen.process.pid}, which hangs)")
-    frozen.signal(signal.SIGCONT)
+    for process in (frozen, lookup):
+        process.signal(signal.SIGCONT)
+    realm_client = await look()
+    await stops_as_it_wakes(realm_client)
+    assert list(await realm_client.resume(None)) == ["awake", "frozen"]
+    assert await realm_client.call("frozen", "move", {"x": 1.0}) == 1.0
     assert await newcomer.stop() == ["awake", "frozen"]
     assert await newcomer.stop("frozen") == ["frozen"]
     assert newcomer.took < AT_ONCE
-    lookup.signal(signal.SIGCONT)
 
 
 async def test_nobody_is_told_to_end_by_force_a_process_that_only_is_not_heard(
@@ -153,9 +128,10 @@ async def test_nobody_is_told_to_end_by_force_a_process_that_only_is_not_heard(
     assert len(newcomer.late) == 1
 
 
-async def test_a_stop_and_ls_name_a_frozen_process_whose_list_was_cut(
+async def test_a_stop_and_ls_name_a_frozen_process_whose_list_was_cut_and_it_stops_when_it_wakes(
     start: Start, newcomer: Newcomer, look: Look
 ) -> None:
+    """Nobody can read which robots its process has, so the process is asked for the one that is meant."""
     _, frozen = await robots(start, "awake", "frozen")
     lookup = await start("lookup", "l1")
     await lookup.ready()
@@ -164,10 +140,13 @@ async def test_a_stop_and_ls_name_a_frozen_process_whose_list_was_cut(
     folder = Path(os.environ["XDG_RUNTIME_DIR"]) / "robotree" / "test"
     (path,) = folder.glob(f"{pid}-*.held")
     os.truncate(path, 12)
-    with pytest.raises(NotConfirmed, match=rf"by awake but NOT by process {pid} \(its files"):
-        await newcomer.stop()
-    listed = await verbs.ls(await look(), manual.shell().parse(["ls"]), Silent())
+    with pytest.raises(NotConfirmed, match=rf"NOT by process {pid} \(its files .*gone or damaged"):
+        await newcomer.stop("frozen")
+    realm_client = await look()
+    listed = await verbs.ls(realm_client, manual.shell().parse(["ls"]), Silent())
     assert f"any robot of process {pid} hangs in process {pid}: `kill -CONT {pid}`" in str(listed.doubt)
     assert any(line.startswith(f"any robot of process {pid} ") for line in listed.text.splitlines())
     frozen.signal(signal.SIGCONT)
+    await stops_as_it_wakes(realm_client)
+    assert not (await realm_client.describe("awake")).stopped, "the other one was not meant"
     assert await newcomer.stop() == ["awake", "frozen"]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from robotree.vr.base.errors import NoAnswer, TransportClosed, Unreachable
 from robotree.vr.base.pattern import Handlers, Keys, matches
-from robotree.vr.network.link import PIECE, PeerLink, Sample, Unpacker, pack
+from robotree.vr.network.link import PIECE, AskFrame, PeerLink, Sample, Unpacker, pack
 from robotree.vr.network.on_loop import LoopTurns, Replies, SampleInbox
 from robotree.vr.world.promises import replies_of
 from robotree.vr.world.testing import in_virtual_time
@@ -148,6 +148,7 @@ def test_an_inbox_may_outlive_its_loop() -> None:
 def test_a_receiver_that_does_not_read_misses_older_samples_and_never_the_newest_of_a_key() -> None:
     near, far = socket.socketpair()
     link, unpacker = PeerLink(near, wants_to_write=lambda _: None), Unpacker()
+    link.send(pack(AskFrame(0, "large", bytes(3_000_000))))  # and this thread goes on
     for number in range(1000):
         for key in ("a", "b"):
             link.publish(key, pack(Sample(key, b"%d " % number + bytes(4000))))
@@ -158,8 +159,8 @@ def test_a_receiver_that_does_not_read_misses_older_samples_and_never_the_newest
         with contextlib.suppress(BlockingIOError):
             while True:
                 for frame in unpacker.feed(far.recv(PIECE, socket.MSG_DONTWAIT)):
-                    assert isinstance(frame, Sample)
-                    heard[frame.key].append(int(frame.body.split()[0]))
+                    if isinstance(frame, Sample):
+                        heard[frame.key].append(int(frame.body.split()[0]))
     link.close()
     far.close()
     for numbers in heard.values():

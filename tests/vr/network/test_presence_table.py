@@ -133,12 +133,9 @@ async def test_of_many_that_are_slow_in_turns_none_is_said_to_hang() -> None:
 async def test_a_closed_table_refuses_every_question() -> None:
     table = Table()
     table.close()
-    with pytest.raises(TransportClosed):
-        table.keys("**")
-    with pytest.raises(TransportClosed):
-        table.held("**")
-    with pytest.raises(TransportClosed):
-        table.watch("**", lambda _key, _there: None)
+    for ask in (table.keys, table.held, lambda every: table.watch(every, lambda _key, _there: None)):
+        with pytest.raises(TransportClosed):
+            ask("**")
     with pytest.raises(TransportClosed):
         await table.hanging("**")
 
@@ -177,52 +174,50 @@ def test_a_newcomer_doubts_one_that_it_has_not_met_until_that_must_hang(
     newcomer.close().result(60.0)
 
 
+@pytest.fixture
+def three(tmp_path: Path) -> Iterator[list[Mesh]]:
+    meshes = [Mesh(Rendezvous("test", tmp_path / "r")) for _ in range(3)]
+    for mesh in meshes:
+        mesh.open()
+    yield meshes
+    for mesh in meshes:
+        mesh.close().result(60.0)
+
+
 @pytest.mark.speed
 def test_a_process_that_misses_its_beat_is_late_within_a_second_and_does_not_flicker(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    three: list[Mesh], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is shown before it is known to hang, nothing else follows, and one beat in time does not end it."""
-    here, there = (Mesh(Rendezvous("test", tmp_path / "r")) for _ in range(2))
-    for mesh in (here, there):
-        mesh.open()
+    here, there, _ = three
     there.announce(ARM)
-    try:
-        wait_until(lambda: here.presence.there(ARM), "it is not so")
-        assert here.presence.late("**") == []
-        beat, last = there.place.beat, time.monotonic()
-        monkeypatch.setattr(there.place, "beat", lambda _: None)
-        wait_until(lambda: here.presence.late("robot/*/*") != [], "it is not so")
-        assert LATE - 0.05 < time.monotonic() - last < HANGS
-        assert here.presence.there(ARM), "it counts as present"
-        assert here.presence.hangs("**") == [], "and not as one that hangs"
-        monkeypatch.setattr(there.place, "beat", beat)
-        beat(again := time.monotonic())
-        shown = [here.presence.late("**") != []]
-        while time.monotonic() - again < STEADY + 0.5:
-            time.sleep(0.02)
-            late = here.presence.late("**") != []
-            if late != shown[-1]:
-                shown.append(late)
-        assert shown == [True, False], "it is late once, and then no longer"
-    finally:
-        for mesh in (here, there):
-            mesh.close().result(60.0)
+    wait_until(lambda: here.presence.there(ARM), "it is not so")
+    assert here.presence.late("**") == []
+    beat, last = there.place.beat, time.monotonic()
+    monkeypatch.setattr(there.place, "beat", lambda _: None)
+    wait_until(lambda: here.presence.late("robot/*/*") != [], "it is not so")
+    assert LATE - 0.05 < time.monotonic() - last < HANGS
+    assert here.presence.there(ARM), "it counts as present"
+    assert here.presence.hangs("**") == [], "and not as one that hangs"
+    monkeypatch.setattr(there.place, "beat", beat)
+    beat(again := time.monotonic())
+    shown = [here.presence.late("**") != []]
+    while time.monotonic() - again < STEADY + 0.5:
+        time.sleep(0.02)
+        late = here.presence.late("**") != []
+        if late != shown[-1]:
+            shown.append(late)
+    assert shown == [True, False], "it is late once, and then no longer"
 
 
-def test_who_says_so_has_left_and_who_dies_has_not(tmp_path: Path) -> None:
-    here, polite, lost = (Mesh(Rendezvous("test", tmp_path / "r")) for _ in range(3))
-    for mesh in (here, polite, lost):
-        mesh.open()
-    try:
-        polite.announce("robot/polite/1")
-        lost.announce("robot/lost/1")
-        wait_until(lambda: len(here.presence.keys("robot/*/*")) == 2, "it is not so")
-        polite.withdraw("robot/polite/1")
-        for mesh in (polite, lost):
-            mesh.close().result(60.0)
-        wait_until(lambda: here.presence.keys("robot/*/*") == [], "it is not so")
-        assert here.presence.left("robot/polite/1"), "though its process has ended since"
-        assert not here.presence.left("robot/lost/1")
-    finally:
-        for mesh in (here, polite, lost):
-            mesh.close().result(60.0)
+def test_who_says_so_has_left_and_who_dies_has_not(three: list[Mesh]) -> None:
+    here, polite, lost = three
+    polite.announce("robot/polite/1")
+    lost.announce("robot/lost/1")
+    wait_until(lambda: len(here.presence.keys("robot/*/*")) == 2, "it is not so")
+    polite.withdraw("robot/polite/1")
+    for mesh in (polite, lost):
+        mesh.close().result(60.0)
+    wait_until(lambda: here.presence.keys("robot/*/*") == [], "it is not so")
+    assert here.presence.left("robot/polite/1"), "though its process has ended since"
+    assert not here.presence.left("robot/lost/1")

@@ -9,13 +9,14 @@ import os
 import random
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 import pytest
 
 from robotree.vr.base.errors import BadName, RealmUnusable
+from robotree.vr.network import mesh as mesh_module
 from robotree.vr.network import realms
 from robotree.vr.network.lean_stop import StopLine
 from robotree.vr.network.local import join
@@ -24,11 +25,20 @@ from robotree.vr.network.readers import What
 from robotree.vr.network.realms import all_realms, realm_folder, runtime_directory
 from robotree.vr.network.rendezvous import Rendezvous, realm_name
 
+ARM = "robot/a/1"
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a directory away")
 
 
 def place_at(folder: Path) -> Rendezvous:
     return Rendezvous("test", folder / "r")
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Iterator[tuple[Rendezvous, Rendezvous]]:
+    """A process that is there, and one that only looks."""
+    one, other = place_at(tmp_path), place_at(tmp_path)
+    with one.register():
+        yield one, other
 
 
 def names(place: Rendezvous) -> set[str]:
@@ -52,37 +62,22 @@ def test_a_newcomer_sees_all_who_came_before_and_none_who_left(tmp_path: Path) -
 def test_the_dead_refuse_and_are_forgotten(tmp_path: Path) -> None:
     dead, newcomer = place_at(tmp_path), place_at(tmp_path)
     dead.register().close()  # as the kernel does when a process dies
-    dead.hold("robot/a/1")
+    dead.hold(ARM)
     with pytest.raises(ConnectionRefusedError):
         newcomer.dial(dead.tag)
     newcomer.forget(dead.tag)
     assert names(newcomer) == set()
 
 
-def test_what_a_process_holds_can_be_read_without_asking_it(tmp_path: Path) -> None:
-    one, other = place_at(tmp_path), place_at(tmp_path)
-    door = one.register()
-    for key in ("robot/a/1", "robot/b/1", "host/h/1"):
-        one.hold(key)
-    one.drop("robot/b/1")
-    one.drop("robot/b/1")
-    assert other.keys_of(one.tag) == ["robot/a/1", "host/h/1"]
-    one.leave()
-    one.hold("robot/c/1")
-    assert other.keys_of(one.tag) is None
-    door.close()
-
-
 def test_what_a_process_holds_no_longer_is_taken_back_line_by_line_and_the_list_stays_short(
-    tmp_path: Path,
+    pair: tuple[Rendezvous, Rendezvous],
 ) -> None:
-    one, other = place_at(tmp_path), place_at(tmp_path)
-    door = one.register()
+    one, other = pair
     keys = [f"robot/r{number}/1" for number in range(300)]
     for key in [*keys, keys[0]]:
         one.hold(key)
     written = (one.directory / f"{one.tag}.held").stat().st_ino
-    for key in keys[:100]:
+    for key in [*keys[:100], keys[1]]:
         one.drop(key)
     assert other.keys_of(one.tag) == [keys[0], *keys[100:]]
     assert (one.directory / f"{one.tag}.held").stat().st_ino == written, "not one of them wrote all others"
@@ -94,17 +89,18 @@ def test_what_a_process_holds_no_longer_is_taken_back_line_by_line_and_the_list_
     for key in (keys[0], *keys[100:]):
         one.drop(key)
     assert other.keys_of(one.tag) == []
-    door.close()
+    one.leave()
+    one.hold(ARM)
+    assert other.keys_of(one.tag) is None
 
 
 @pytest.mark.parametrize("fails", [0, -1])
 def test_a_list_that_cannot_be_written_whole_is_removed_and_written_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: int
+    pair: tuple[Rendezvous, Rendezvous], monkeypatch: pytest.MonkeyPatch, fails: int
 ) -> None:
     """As on a full disk: without a list a process is named by each stop, with a wrong one it is missed."""
-    one, other = place_at(tmp_path), place_at(tmp_path)
-    door = one.register()
-    one.hold("robot/a/1")
+    one, other = pair
+    one.hold(ARM)
 
     def write(*_: object) -> int:
         if fails < 0:
@@ -117,8 +113,7 @@ def test_a_list_that_cannot_be_written_whole_is_removed_and_written_anew(
     assert other.keys_of(one.tag) is None
     assert not one.registered()
     one.register().close()
-    assert other.keys_of(one.tag) == ["robot/a/1", "robot/b/1"]
-    door.close()
+    assert other.keys_of(one.tag) == [ARM, "robot/b/1"]
 
 
 @pytest.mark.parametrize(
@@ -129,35 +124,34 @@ def test_a_list_that_cannot_be_written_whole_is_removed_and_written_anew(
         for form in (bytes, realms.sealed)
     ],
 )
-def test_a_damaged_list_is_none_and_its_process_mends_it(tmp_path: Path, damage: bytes) -> None:
+def test_a_damaged_list_is_none_and_its_process_mends_it(
+    pair: tuple[Rendezvous, Rendezvous], damage: bytes
+) -> None:
     """Who believed it would leave a robot out of a stop and say that all have stopped."""
-    one, other = place_at(tmp_path), place_at(tmp_path)
-    door = one.register()
-    for key in ("robot/a/1", "robot/b/1"):
+    one, other = pair
+    for key in (ARM, "robot/b/1"):
         one.hold(key)
     assert one.registered()
     (one.directory / f"{one.tag}.held").write_bytes(damage)
     assert other.keys_of(one.tag) is None
     assert not one.registered()
     one.hold("robot/c/1")
-    assert other.keys_of(one.tag) == ["robot/a/1", "robot/b/1", "robot/c/1"], "what is added mends it, too"
+    assert other.keys_of(one.tag) == [ARM, "robot/b/1", "robot/c/1"], "what is added mends it, too"
     (one.directory / f"{one.tag}.held").write_bytes(b"")
     assert not one.registered()
     one.drop("robot/c/1")
-    assert other.keys_of(one.tag) == ["robot/a/1", "robot/b/1"], "and what is taken back"
+    assert other.keys_of(one.tag) == [ARM, "robot/b/1"], "and what is taken back"
     (one.directory / f"{one.tag}.held").write_bytes(b"")
     one.register().close()
     assert one.registered()
-    assert other.keys_of(one.tag) == ["robot/a/1", "robot/b/1"]
-    door.close()
+    assert other.keys_of(one.tag) == [ARM, "robot/b/1"]
 
 
-def test_every_byte_of_a_list_is_proven(tmp_path: Path) -> None:
-    one, other = place_at(tmp_path), place_at(tmp_path)
-    door = one.register()
-    for key in ("robot/a/1", "robot/b/1"):
+def test_every_byte_of_a_list_is_proven(pair: tuple[Rendezvous, Rendezvous]) -> None:
+    one, other = pair
+    for key in (ARM, "robot/b/1"):
         one.hold(key)
-    one.drop("robot/a/1")
+    one.drop(ARM)
     path = one.directory / f"{one.tag}.held"
     written = path.read_bytes()
     for size in range(len(written)):
@@ -165,21 +159,17 @@ def test_every_byte_of_a_list_is_proven(tmp_path: Path) -> None:
         assert other.keys_of(one.tag) is None, f"cut to {size} bytes"
     for place in range(len(written)):
         for bit in range(8):
-            path.write_bytes(
-                written[:place] + bytes([written[place] ^ 1 << bit]) + written[place + 1 :],
-            )
+            path.write_bytes(written[:place] + bytes([written[place] ^ 1 << bit]) + written[place + 1 :])
             assert other.keys_of(one.tag) is None, f"bit {bit} of byte {place}"
-    door.close()
 
 
 @pytest.mark.parametrize("step", range(1, 12))
 def test_a_line_that_is_being_written_damages_no_list(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
+    pair: tuple[Rendezvous, Rendezvous], monkeypatch: pytest.MonkeyPatch, step: int
 ) -> None:
     """Its process may be frozen just then: the list is that of before until the line is sealed."""
-    one, other = place_at(tmp_path), place_at(tmp_path)
-    door = one.register()
-    one.hold("robot/a/1")
+    one, other = pair
+    one.hold(ARM)
     seen: list[list[str] | None] = []
     write = os.write
 
@@ -193,10 +183,9 @@ def test_a_line_that_is_being_written_damages_no_list(
     with monkeypatch.context() as slow:
         slow.setattr(os, "write", in_pieces)
         one.hold("robot/b/1")
-        one.drop("robot/a/1")
-    assert seen == [["robot/a/1"]] * 2 + [["robot/a/1", "robot/b/1"]] * 2
+        one.drop(ARM)
+    assert seen == [[ARM]] * 2 + [[ARM, "robot/b/1"]] * 2
     assert other.keys_of(one.tag) == ["robot/b/1"]
-    door.close()
 
 
 def test_who_reads_while_another_process_writes_never_reads_a_damaged_list(tmp_path: Path) -> None:
@@ -225,10 +214,9 @@ def test_who_reads_while_another_process_writes_never_reads_a_damaged_list(tmp_p
 
 
 def test_a_newcomer_that_finds_no_room_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pair: tuple[Rendezvous, Rendezvous], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    there, newcomer = place_at(tmp_path), place_at(tmp_path)
-    door = there.register()
+    there, newcomer = pair
     before = names(there)
 
     def write(*_: object) -> int:
@@ -239,7 +227,6 @@ def test_a_newcomer_that_finds_no_room_leaves_nothing(
         newcomer.register()
     newcomer.leave()
     assert names(there) == before
-    door.close()
 
 
 def test_a_process_that_found_no_room_for_its_sign_of_life_registers_again_later(
@@ -355,7 +342,7 @@ def test_a_place_that_is_not_this_users_alone_is_refused_and_nothing_is_made_the
 async def test_a_path_too_long_for_a_socket_is_no_obstacle(tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 120)
     one, other = await join("test", root=deep), await join("test", root=deep)
-    token = await one.announce("robot/a/1")
+    token = await one.announce(ARM)
     async with asyncio.timeout(60):
         while not other.presence.keys("robot/*/*"):  # noqa: ASYNC110 # the question is the thing examined
             await asyncio.sleep(0.005)
@@ -541,9 +528,11 @@ def test_two_that_dial_each_other_at_once_meet_in_whatever_order_their_greetings
             mesh.end()
 
 
-def test_a_newcomer_waits_for_one_that_is_busy_and_not_for_one_that_hangs(tmp_path: Path) -> None:
+def test_a_newcomer_waits_for_one_that_is_busy_and_not_for_one_that_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mesh_module, "HANGS", 1e9)
     there = ByHand(tmp_path, "a")
-    there.place.tag = f"{os.getpid()}-0000000a"
     there.enter()
 
     def enter() -> tuple[Mesh, threading.Event]:

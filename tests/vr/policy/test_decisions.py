@@ -240,7 +240,7 @@ def plainly(content: dict[str, Any], person: Person, right: str, name: str) -> b
     return any(re.fullmatch(re.escape(one).replace(r"\*", ".*"), name) for one in patterns)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(policies(), ASKERS, st.sampled_from(["see", "command", "release", STOP]), NAMES)
 def test_it_decides_as_the_guide_says(content: dict[str, Any], person: Person, right: str, name: str) -> None:
     policy = written(content)
@@ -250,22 +250,7 @@ def test_it_decides_as_the_guide_says(content: dict[str, Any], person: Person, r
     if found.allowed and right != STOP:
         line = policy.text.split("\n")[found.line - 1].strip().removeprefix("- ").strip('"')
         assert fits(line, name), "the line that is named is the one that allows it"
-
-
-@settings(max_examples=60, deadline=None)
-@given(policies(), ASKERS, st.sampled_from(["see", "command", "release"]), NAMES)
-def test_a_line_more_takes_nothing_away(
-    content: dict[str, Any], person: Person, right: str, name: str
-) -> None:
-    before = written(content).may(person, right, PolicyTarget(name)).allowed
-    content["persons"].setdefault("*", []).append("more")
-    content["roles"]["more"] = {"see": ["x"]}
-    after = written(content).may(person, right, PolicyTarget(name)).allowed
-    assert after or not before
-    assert after == before or (right, name) == ("see", "x")
-    if before:
-        site = person.site or person.name
-        assert written(content).may_anybody_of(site, right, PolicyTarget(name))
+        assert policy.may_anybody_of(person.site or person.name, right, PolicyTarget(name))
 
 
 def test_the_help_names_all_rights() -> None:
