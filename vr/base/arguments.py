@@ -98,7 +98,6 @@ class _Refused(Exception):
 
     def __init__(self, path: str, reason: str) -> None:
         """Say which one and why."""
-        super().__init__(path, reason)
         self.path, self.reason = path, reason
 
 

@@ -928,11 +928,7 @@ class RobotCore:
         """Ask those that have not answered a stop."""
         return [
             on.AskPart(
-                generation=generation,
-                part=part,
-                reason=order.reason,
-                order=order.order,
-                within=order.within,
+                generation=generation, part=part, reason=order.reason, order=order.order, within=order.within
             )
             for part in self.state.stop.unanswered(generation)
         ]

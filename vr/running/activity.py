@@ -58,9 +58,7 @@ ASKS = 0.1
 """[s] between two looks whether another part of the command still asks a person."""
 
 
-def _from_author(
-    method: Callable[Concatenate[A, P], R],
-) -> Callable[Concatenate[A, P], R]:
+def _from_author(method: Callable[Concatenate[A, P], R]) -> Callable[Concatenate[A, P], R]:
     """Make a method a cancellation point: the author's code is not at work while it runs."""
 
     @wraps(method)

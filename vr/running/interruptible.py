@@ -23,11 +23,7 @@ class InterruptibleThread:
     """Runs one function and reports how it ended."""
 
     def __init__(
-        self,
-        work: Callable[[], object],
-        done: Callable[[object, BaseException | None], None],
-        *,
-        name: str,
+        self, work: Callable[[], object], done: Callable[[object, BaseException | None], None], *, name: str
     ) -> None:
         """Prepare; `start` begins.
 

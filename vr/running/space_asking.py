@@ -8,15 +8,7 @@ from typing import Any
 import msgspec
 
 from robotree.vr.base.errors import NoSpace, SeveralSpaces, SpaceError, SpaceLost
-from robotree.vr.base.requests import (
-    AnyRequest,
-    GiveUp,
-    Raised,
-    Reply,
-    WriteEntry,
-    decode_reply,
-    encode,
-)
+from robotree.vr.base.requests import AnyRequest, GiveUp, Raised, Reply, WriteEntry, decode_reply, encode
 from robotree.vr.core import events as on
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.robot_runtime import RobotRuntime

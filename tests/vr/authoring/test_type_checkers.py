@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -170,37 +171,39 @@ def marked(folder: Path) -> set[tuple[str, int]]:
     }
 
 
-def test_pyright_flags_the_wrong_lines_and_no_others(folder: Path) -> None:
-    settings = {
-        "extraPaths": [str(ROOT / "typings")],
-        "typeCheckingMode": "standard",
-        "reportUnusedExpression": False,
+@pytest.fixture(scope="module", autouse=True)
+def checkers(folder: Path) -> Iterator[dict[str, subprocess.Popen[str]]]:
+    """Both at work, beside each other."""
+    venv = {"venvPath": str(TOOLS.parents[1]), "venv": TOOLS.parent.name}
+    settings = {"extraPaths": [str(ROOT / "typings")], "typeCheckingMode": "standard", **venv}
+    (folder / "pyrightconfig.json").write_text(json.dumps(settings | {"reportUnusedExpression": False}))
+    options = ["--strict", "--follow-imports=silent", f"--cache-dir={ROOT / '.mypy_cache'}"]
+    commands = {
+        "pyright": ["--outputjson"],
+        "mypy": [*options, "--no-error-summary", "--no-color-output", "."],
     }
-    settings |= {"venvPath": str(TOOLS.parents[1]), "venv": TOOLS.parent.name}
-    (folder / "pyrightconfig.json").write_text(json.dumps(settings))
-    said = subprocess.run(
-        [str(TOOLS / "pyright"), "--outputjson"], cwd=folder, capture_output=True, text=True, check=False
-    )
-    found = json.loads(said.stdout)["generalDiagnostics"]
+    pipe = subprocess.PIPE
+    started = {
+        name: subprocess.Popen([str(TOOLS / name), *more], cwd=folder, stdout=pipe, stderr=pipe, text=True)
+        for name, more in commands.items()
+    }
+    yield started
+    for one in started.values():
+        one.kill()
+        one.communicate()
+
+
+def test_pyright_flags_the_wrong_lines_and_no_others(
+    folder: Path, checkers: dict[str, subprocess.Popen[str]]
+) -> None:
+    found = json.loads(checkers["pyright"].communicate()[0])["generalDiagnostics"]
     places = {(Path(one["file"]).name, one["range"]["start"]["line"] + 1) for one in found}
     assert places == marked(folder), found
 
 
-def test_mypy_flags_the_wrong_lines_and_no_others(folder: Path) -> None:
-    command = [
-        str(TOOLS / "mypy"),
-        "--strict",
-        "--follow-imports=silent",
-    ]
-    command += [f"--cache-dir={ROOT / '.mypy_cache'}", "--no-error-summary", "--no-color-output", "."]
-    said = subprocess.run(
-        command,
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    places = {
-        (one[1], int(one[2])) for one in re.finditer(r"^(\w+\.py):(\d+): error", said.stdout, re.MULTILINE)
-    }
-    assert places == marked(folder), said.stdout + said.stderr
+def test_mypy_flags_the_wrong_lines_and_no_others(
+    folder: Path, checkers: dict[str, subprocess.Popen[str]]
+) -> None:
+    said = checkers["mypy"].communicate()
+    found = re.finditer(r"^(\w+\.py):(\d+): error", said[0], re.MULTILINE)
+    assert {(one[1], int(one[2])) for one in found} == marked(folder), said

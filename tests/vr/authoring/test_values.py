@@ -261,6 +261,7 @@ async def test_a_picture_is_saved_from_the_command_line(realm: Realm, tmp_path: 
             {"points": "[{x 1}]"},
             "follow: points: '[{x 1}]' cannot be read: `name: value` is missing before",
         ),
+        ("follow", {"points": "[] x"}, "follow: points: '[] x' cannot be read from 'x' on"),
         ("follow", {"points": "[,]"}, "follow: points: '[,]' cannot be read: a value is missing before ',]'"),
         ("stroke", {"heights": [0.1, 0.9]}, "stroke: heights[1]: 0.9 m is out of range"),
         (

@@ -113,15 +113,6 @@ class Driver(VirtualRobot):
                 self.left._private()
 
     @command
-    def persistent(self) -> str:
-        try:
-            self.left.move(x=5)
-        except ChildCancelled as error:
-            self.left.move(x=1)
-            return str(error)
-        return ""
-
-    @command
     def stubborn(self) -> None:
         while True:
             try:

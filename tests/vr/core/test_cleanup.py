@@ -150,24 +150,24 @@ async def carrying(realm: Any, porter: Any) -> None:
 # -- clean-up --------------------------------------------------------------------------------------
 
 
-async def test_after_a_cancel_a_clean_up_commands_the_child(realm: Any, porter: Any) -> None:
-    task = begin(realm, porter, "carry")
-    await carrying(realm, porter)
-    await realm.client(porter).cancel(reason="enough")
-    with pytest.raises(CommandCancelled, match=r"porter.carry was cancelled: enough"):
+@pytest.mark.parametrize(
+    ("command", "options", "error", "sentence"),
+    [
+        ("carry", {}, CommandCancelled, "porter.carry was cancelled: enough"),
+        ("carry", {"deadline": 2.0}, DeadlineExceeded, "porter.carry"),
+        ("carry", {"fails": True}, Failed, "it slips"),
+        ("starts", {}, CommandCancelled, "enough"),  # what runs beside it ends before its clean-up
+    ],
+)
+async def test_a_clean_up_commands_the_child_and_has_its_own_time(
+    realm: Any, porter: Any, command: str, options: dict[str, Any], error: type[VrError], sentence: str
+) -> None:
+    task = begin(realm, porter, command, **options)
+    if not options:
+        await carrying(realm, porter)
+        await realm.client(porter).cancel(reason="enough")
+    with pytest.raises(error, match=sentence):
         await task
-    assert (porter.gripper.robot.done, porter.robot.saw) == (["open"], ["clean"])
-
-
-async def test_after_the_deadline_a_clean_up_has_its_own(realm: Any, porter: Any) -> None:
-    with pytest.raises(DeadlineExceeded, match=r"porter\.carry"):
-        await begin(realm, porter, "carry", deadline=2.0)
-    assert (porter.gripper.robot.done, porter.robot.saw) == (["open"], ["clean"])
-
-
-async def test_after_a_failure_a_clean_up_works_as_well(realm: Any, porter: Any) -> None:
-    with pytest.raises(Failed, match="it slips"):
-        await begin(realm, porter, "carry", fails=True)
     assert (porter.gripper.robot.done, porter.robot.saw) == (["open"], ["clean"])
 
 
@@ -198,24 +198,15 @@ async def test_after_a_protective_stop_nothing_moves_any_more(realm: Any, porter
     ]
 
 
-async def test_a_protective_stop_ends_a_clean_up_at_once(realm: Any, porter: Any) -> None:
+@pytest.mark.parametrize("order", ["safe_stop", "cancel"])
+async def test_a_protective_stop_or_a_second_cancel_ends_a_clean_up_at_once(
+    realm: Any, porter: Any, order: str
+) -> None:
     task = begin(realm, porter, "carry", opens=2.5)
     await carrying(realm, porter)
     await realm.client(porter).cancel(reason="enough")
     await realm.until(lambda: porter.gripper.description().busy == "open")
-    await realm.client(porter).safe_stop("a hand")
-    with pytest.raises(CommandCancelled):
-        await asyncio.wait_for(task, 1.0)
-    assert porter.gripper.robot.done == []
-    assert "a hand" in porter.robot.saw[0]
-
-
-async def test_a_second_cancel_ends_the_clean_up(realm: Any, porter: Any) -> None:
-    task = begin(realm, porter, "carry", opens=2.5)
-    await carrying(realm, porter)
-    await realm.client(porter).cancel(reason="enough")
-    await realm.until(lambda: porter.gripper.description().busy == "open")
-    await realm.client(porter).cancel(reason="I mean it")
+    await getattr(realm.client(porter), order)(reason="I mean it")
     with pytest.raises(CommandCancelled, match="enough"):
         await asyncio.wait_for(task, 1.0)
     assert porter.robot.saw == ["porter.carry was cancelled: I mean it"]
@@ -257,15 +248,6 @@ async def test_when_its_parent_is_lost_a_robot_cleans_nothing_up(realm: Any, por
 async def test_a_cancel_during_a_clean_up_waits_for_its_end(realm: Any, porter: Any) -> None:
     task = begin(realm, porter, "goes_on")
     await realm.until(lambda: porter.gripper.description().busy == "open")
-    await realm.client(porter).cancel(reason="enough")
-    with pytest.raises(CommandCancelled):
-        await task
-    assert (porter.gripper.robot.done, porter.robot.saw) == (["open"], ["clean"])
-
-
-async def test_what_the_command_has_started_ends_before_the_clean_up(realm: Any, porter: Any) -> None:
-    task = begin(realm, porter, "starts")
-    await carrying(realm, porter)
     await realm.client(porter).cancel(reason="enough")
     with pytest.raises(CommandCancelled):
         await task

@@ -51,9 +51,7 @@ def test_a_bond_survives_another_incarnation_of_the_parent_that_knows_its_epoch(
 
 
 @pytest.mark.parametrize("life", [1, 2, 3])
-def test_the_next_process_of_a_parent_holds_the_robot_only_if_it_is_a_later_one(
-    life: int,
-) -> None:
+def test_the_next_process_of_a_parent_holds_the_robot_only_if_it_is_a_later_one(life: int) -> None:
     child, first, heir = free_lease(), holder(1), holder(2)
     lease = child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, principal=first)
     child.promise(10.0, 2)

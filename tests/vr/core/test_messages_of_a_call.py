@@ -103,7 +103,7 @@ async def test_a_number_that_comes_as_text_starts_no_thread(realm: Any) -> None:
 def test_only_a_unit_that_is_not_usual_has_to_be_loaded() -> None:
     code = (
         "import sys; from robotree.vr.base.units import takes_long, read_quantity as read; "
-        "assert not any(takes_long(text, 'm') for text in ('1', '1 m', '1 cm', '1 in', 'red', '')); "
+        "assert not any(takes_long(text, 'm') for text in ('1', '1 m', '1 cm', 'red', '9' * 99 + ' ft')); "
         "assert read('1 cm', 'm') == 0.01 and takes_long('1 ft', 'm') and takes_long('1 s', 'm'); "
         "assert 'pint' not in sys.modules; "
         "assert abs(read('1 ft', 'm') - 0.3048) < 1e-9 and not takes_long('1 ft', 'm')"

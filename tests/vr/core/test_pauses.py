@@ -164,36 +164,25 @@ async def test_a_new_command_of_a_paused_robot_waits_and_says_so(homes: Any, pai
     await task
 
 
-async def test_a_paused_command_is_cancelled_at_once(homes: Any, painter: Any) -> None:
-    await homes.client(painter).pause()
-    task = begin(homes, painter, "line")
-    await until_held(homes, painter, "step 1: arm.go_to(x=0.1)")
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    await homes.client(painter).cancel(reason="enough")
-    with pytest.raises(CommandCancelled, match="enough"):
-        await task
-    assert loop.time() - began < 0.1
-    assert painter.arm.robot.moves == []
-
-
-async def test_a_protective_stop_ends_a_paused_command_and_leaves_the_pause(homes: Any, painter: Any) -> None:
-    client = homes.client(painter)
+@pytest.mark.parametrize("how", ["cancel", "stop", "deadline"])
+async def test_a_paused_command_is_ended_at_once_and_the_pause_stays(
+    homes: Any, painter: Any, how: str
+) -> None:
+    client, loop = homes.client(painter), asyncio.get_running_loop()
     await client.pause()
-    task = begin(homes, painter, "line")
+    task = begin(homes, painter, "line", deadline=2.0 if how == "deadline" else 60.0)
     await until_held(homes, painter, "step 1: arm.go_to(x=0.1)")
-    await client.safe_stop("a hand")
-    with pytest.raises(CommandCancelled, match="a hand"):
+    began = loop.time()
+    if how == "cancel":
+        await client.cancel(reason="enough")
+    elif how == "stop":
+        await client.safe_stop("a hand")
+    reason = {"cancel": "enough", "stop": "a hand", "deadline": "within its deadline"}[how]
+    with pytest.raises(DeadlineExceeded if how == "deadline" else CommandCancelled, match=reason):
         await task
+    assert loop.time() - began < (2.1 if how == "deadline" else 0.1)
     await client.resume()
     assert painter.description().paused
-    assert painter.arm.robot.moves == []
-
-
-async def test_the_deadline_of_a_paused_command_goes_on(homes: Any, painter: Any) -> None:
-    await homes.client(painter).pause()
-    with pytest.raises(DeadlineExceeded):
-        await begin(homes, painter, "line", deadline=2.0)
     assert painter.arm.robot.moves == []
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from robotree.vr import Child, Robot, VirtualRobot, command
 from robotree.vr.base.address import Address
+from robotree.vr.base.description import RobotDescription, SlotSpec
 from robotree.vr.base.errors import (
     CommandCancelled,
     NotAllowed,
@@ -33,7 +34,7 @@ from robotree.vr.base.requests import (
     SafeStop,
 )
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import GrantedLease, Slots
+from robotree.vr.core.bonds import Bond, GrantedLease, HeldLease, Slots
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import Calls, RobotCore, RobotState
 from robotree.vr.core.stop import Stop
@@ -62,6 +63,11 @@ class Pair(VirtualRobot):
         self.left.move(x=x)
 
 
+async def asked(realm: Any, robot: Any, request: Any, answer: Any, sender: str) -> Any:
+    """Ask a robot in the name of somebody."""
+    return await ask(realm.operator, robot.address.key, request, answer, timeout=5, sender=sender)
+
+
 async def test_a_lease_belongs_to_its_holder_and_not_to_who_knows_its_number(realm: Any) -> None:
     pair = await realm.team(Pair("pair"), left=Rover("left"))
     rover, parent = pair.left, pair.address
@@ -76,22 +82,8 @@ async def test_a_lease_belongs_to_its_holder_and_not_to_who_knows_its_number(rea
         thief.cancel(epoch=epoch),
         thief.resume(epoch=epoch),
         thief.release(parent, epoch),
-        ask(
-            realm.operator,
-            rover.address.key,
-            Detach(key=key, epoch=epoch),
-            Done,
-            timeout=5,
-            sender=parent.key,
-        ),
-        ask(
-            realm.operator,
-            rover.address.key,
-            Renew(parent=parent, epoch=epoch, lineage=("pair",)),
-            Granted,
-            timeout=5,
-            sender=parent.key,
-        ),
+        asked(realm, rover, Detach(key=key, epoch=epoch), Done, parent.key),
+        asked(realm, rover, Renew(parent=parent, epoch=epoch, lineage=("pair",)), Granted, parent.key),
     ):
         with pytest.raises(NotInControl):
             await theft
@@ -108,7 +100,7 @@ async def test_a_robot_ends_its_own_calls_alone_where_nobody_commands(realm: Any
     moving = asyncio.create_task(realm.client(rover).call("move", {"x": 30}))
     await realm.until(lambda: rover.description().busy == "move")
     (key,) = live
-    detach = ask(realm.operator, rover.address.key, Detach(key=key), Done, timeout=5, sender="robot/guest/1")
+    detach = asked(realm, rover, Detach(key=key), Done, "robot/guest/1")
     for theft in (guest.cancel(key), guest.cancel(), detach):
         with pytest.raises(NotItsChild, match="guest may not ask rover for the end of a call of others"):
             await theft
@@ -124,20 +116,44 @@ async def test_a_robot_ends_its_own_calls_alone_where_nobody_commands(realm: Any
         await own
 
 
+def core_of(name: str, *slots: SlotSpec) -> RobotCore:
+    lease, empty = GrantedLease.free(name, unix=1.0), Slots.empty(name, slots)
+    address = Address("robot", name, "1")
+    return RobotCore(
+        RobotState(address=address, home="h", lease=lease, slots=empty, calls=Calls(), stop=Stop())
+    )
+
+
+def test_a_stop_of_a_child_whose_parent_is_away_ends_what_the_parent_was_about() -> None:
+    child, parent = core_of("rover"), core_of("pair", SlotSpec(name="left", kind="Rover"))
+    rover, pair = child.state.address, parent.state.address
+    asked = on.ParentAsked(
+        parent=pair, slot="left", lineage=("pair",), term=5.0, unix=1.0, key="k", waits=9.0
+    )
+    epoch = child.handle(asked, 1.0)[0].epoch
+    lease = HeldLease.begin(epoch=epoch, term=5.0, sent=1.0, now=1.0)
+    description = RobotDescription(address=rover, kinds=("Rover",))
+    parent.handle(on.Reserve(slot="left", child=rover), 1.0)
+    parent.handle(on.Bind(slot="left", bond=Bond(child=rover, lease=lease, description=description)), 1.0)
+    call = Call(key="ann/1", command="move", deadline=9.0)
+    parent.handle(on.Invoke(call=call, arguments={}, deadline_at=9.0), 1.0)
+    child.handle(on.ParentAway(parent=pair), 2.0)
+    child.handle(on.StopAsked(reason="a hand"), 3.0)
+    granted = child.handle(on.Prolong(parent=pair, epoch=epoch, lineage=("pair",), unix=4.0), 4.0)[0]
+    renewed = on.Renewed(slot="left", child=rover, epoch=epoch, sent=4.0, term=5.0, stopped=granted.stopped)
+    (ended,) = parent.handle(renewed, 4.0)
+    assert "rover was stopped while pair was away" in str(ended.cause.revive())
+
+
 def test_a_robot_refuses_no_call_of_others_before_it_has_come() -> None:
-    guest = Principal("user", 2, "robot/guest/1")
-    state = RobotState(
-        address=Address("robot", "rover", "1"), home="h", lease=GrantedLease.free("rover", unix=1.0),
-        slots=Slots("rover"), calls=Calls(), stop=Stop(),
-    )  # fmt: skip
-    core = RobotCore(state)
+    guest, core = Principal("user", 2, "robot/guest/1"), core_of("rover")
     core.handle(on.CancelAsked(key="ben/1", reason="guest wants it", principal=guest), 1.0)
     for asker, begins in ((guest, False), (Principal("user", 3, "robot/ben/1"), True)):
         call = Call(key="ben/1", command="move", deadline=9.0)
         event = on.Invoke(call=call, arguments={}, deadline_at=9.0, principal=asker)
         with nullcontext() if begins else pytest.raises(CommandCancelled):
             core.handle(event, 2.0)
-    assert [*state.calls.live] == ["ben/1"]
+    assert [*core.state.calls.live] == ["ben/1"]
 
 
 async def test_nobody_goes_on_as_another_incarnation_of_a_parent_that_is_there(realm: Any) -> None:
@@ -149,7 +165,7 @@ async def test_nobody_goes_on_as_another_incarnation_of_a_parent_that_is_there(r
         await thief.release(other, epoch)
     renewal = Renew(parent=other, epoch=epoch, lineage=("pair",))
     with pytest.raises(NotInControl):
-        await ask(realm.operator, rover.address.key, renewal, Granted, timeout=5, sender=other.key)
+        await asked(realm, rover, renewal, Granted, other.key)
     assert rover.description().bond.parent == pair.address
 
 
@@ -202,23 +218,23 @@ async def test_each_event_that_a_request_leads_to_says_who_asked(realm: Any) -> 
                 await order
         detach = Detach(key="k", epoch=epoch)
         with pytest.raises(VrError):
-            await ask(realm.operator, rover.address.key, detach, Done, timeout=5, sender="caller/7")
+            await asked(realm, rover, detach, Done, "caller/7")
     await operator.cancel()
     await operator.safe_stop("a hand")
     await operator.resume()
     await operator.free("left")
     inside = on.Tick | on.Finish | on.Renewed | on.StopAnswered | on.Halted | on.Obeyed
-    asked = {
+    told = {
         name: [event for event in events if not isinstance(event, inside)] for name, events in written.items()
     }
-    assert {type(event) for event in asked["left"]} >= {
+    assert {type(event) for event in told["left"]} >= {
         on.ParentAsked, on.Invoke, on.CancelAll, on.CancelAsked, on.DetachAsked, on.StopAsked,
         on.ReleaseAsked, on.EndLease,
     }  # fmt: skip
-    assert {type(event) for event in asked["pair"]} >= {
+    assert {type(event) for event in told["pair"]} >= {
         on.Reserve, on.Bind, on.Invoke, on.CancelAll, on.StopAsked, on.ReleaseAsked, on.FreeAsked,
     }  # fmt: skip
-    nobody = [event for events in asked.values() for event in events if event.principal == ITSELF]
+    nobody = [event for events in told.values() for event in events if event.principal == ITSELF]
     assert nobody == []
 
 

@@ -76,6 +76,7 @@ async def test_it_stands_behind_what_the_parent_itself_says(realm: Any, picker: 
         (1.0, "done"),
     ]
     assert not picker.runtime.runs
+    assert not picker.runtime.frames
 
 
 async def test_each_of_six_quick_steps_is_told(realm: Any, picker: Any) -> None:

@@ -10,9 +10,8 @@ import pytest
 
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.base.errors import CommandCancelled, NotConfirmed
+from robotree.vr.base.errors import NotConfirmed
 from robotree.vr.supervision.realm_client import RealmClient
-from tests.vr.core.loading import held_back
 
 HELD = "its controller is in safe stop"
 
@@ -67,37 +66,6 @@ async def test_a_stop_counts_once_however_often_it_is_told(realm: Any) -> None:
     tell(rover, HELD)
     await asyncio.sleep(0)
     assert rover.description().stops == 2, "it has ended and begun within one turn of the loop"
-
-
-async def test_a_stop_that_is_told_while_the_hardware_is_being_released_stays(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    client = realm.client(rover)
-    await client.safe_stop("first")
-    resuming = asyncio.create_task(client.resume())
-    await realm.until(lambda: bool(rover.robot.releases))
-    tell(rover, HELD)
-    rover.robot.releases[0].set_result(None)
-    with pytest.raises(NotConfirmed, match="it was stopped again"):
-        await resuming
-    assert rover.description().stopped
-
-
-async def test_a_call_that_came_before_a_stop_of_the_controller_does_not_begin_after_its_end(
-    realm: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rover = await realm.start(Rover("rover"))
-    client, go_on = realm.client(rover), held_back(monkeypatch)
-    call = asyncio.create_task(client.call("move", {"x": "1"}))
-    await asyncio.sleep(0.1)
-    tell(rover, HELD)
-    tell(rover, "")
-    await asyncio.sleep(0.1)
-    go_on.set()
-    with pytest.raises(CommandCancelled, match=HELD):
-        await call
-    assert rover.robot.moves == 0
-    await client.call("move", {"x": "1"})
-    assert rover.robot.moves == 1
 
 
 async def test_a_resume_does_not_wait_for_who_is_offline_and_was_never_stopped(

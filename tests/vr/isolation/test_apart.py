@@ -51,6 +51,12 @@ PAGE = str(Path(__file__).with_name("pages.py"))
 SOURCE = Path(PAGE).read_text(encoding="utf-8")
 
 
+def robot_of(operator: LocalTransport, name: str) -> RobotClient:
+    address = Address.parse(operator.presence.keys(everyone("robot", name))[0])
+    assert address is not None
+    return RobotClient(operator, address)
+
+
 class Place:
     """A host in this process, in a realm of this test alone; it may be started again."""
 
@@ -84,9 +90,7 @@ class Place:
         return RobotClient(self.operator, robot.address)
 
     def robot(self, name: str = "guest") -> RobotClient:
-        address = Address.parse(self.operator.presence.keys(everyone("robot", name))[0])
-        assert address is not None
-        return RobotClient(self.operator, address)
+        return robot_of(self.operator, name)
 
     operator: LocalTransport
 

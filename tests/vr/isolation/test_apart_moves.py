@@ -7,7 +7,7 @@ import contextlib
 import os
 import shutil
 import signal
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from robotree.vr.journal.kept import leave_stop
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.orders.service import DirectoryService
 from robotree.vr.orders.store import OrderStore
-from tests.vr.isolation.test_apart import Place
+from tests.vr.isolation.test_apart import Place, robot_of
 from tests.waiting import PATIENCE, until
 
 PAGE = """
@@ -92,11 +92,7 @@ class Realm:
         await until(lambda: bool(self.operator.presence.keys(everyone("robot", name))))
 
     def robot(self, name: str) -> RobotClient:
-        from robotree.vr.base.address import Address
-
-        address = Address.parse(self.operator.presence.keys(everyone("robot", name))[0])
-        assert address is not None
-        return RobotClient(self.operator, address)
+        return robot_of(self.operator, name)
 
     async def migrate(self, name: str, source: str, target: str) -> None:
         key = self.hosts[source].host.address.key
@@ -255,12 +251,26 @@ async def test_a_stop_that_was_left_holds_a_robot_that_has_come_and_not_begun(
     await elsewhere.hosts["h2"].end()
 
 
-async def test_a_robot_apart_takes_an_order_once_wherever_it_is(realm: Realm, tmp_path: Path) -> None:
-    await realm.start("h1", "h2")
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[OrderStore]:
+    with contextlib.closing(OrderStore(tmp_path / "orders.db")) as store:
+        yield store
+
+
+@pytest.fixture
+async def directory(realm: Realm, store: OrderStore) -> AsyncIterator[DirectoryService]:
     keeper = await join("test", root=realm.root)
-    store = OrderStore(tmp_path / "orders.db")
-    directory = DirectoryService(keeper, "memory", store)
-    await directory.start()
+    service = DirectoryService(keeper, "memory", store)
+    await service.start()
+    yield service
+    await service.close()
+    await keeper.close()
+
+
+async def test_a_robot_apart_takes_an_order_once_wherever_it_is(
+    realm: Realm, directory: DirectoryService, store: OrderStore
+) -> None:
+    await realm.start("h1", "h2")
 
     async def ordered(number: int) -> int:
         """Leave an order; returns in which process it was carried out."""
@@ -283,43 +293,30 @@ async def test_a_robot_apart_takes_an_order_once_wherever_it_is(realm: Realm, tm
         assert order.state == "done", order
         return int(order.value)
 
-    try:
-        await realm.create("Leaf", "leaf", "h1", "process")
-        await until(lambda: any(known.name == "leaf" for known in store.agents.values()))
-        assert await ordered(1) == realm.hosts["h1"].pid("leaf")
-        await realm.migrate("leaf", "h1", "h2")
-        assert await ordered(2) == realm.hosts["h2"].pid("leaf")
-        os.kill(realm.hosts["h2"].pid("leaf"), signal.SIGKILL)
-        await until(lambda: realm.hosts["h2"].pid("leaf") > 0)
-        await ordered(3)
-        assert await realm.acts() == [1, 2, 3]
-    finally:
-        await directory.close()
-        store.close()
-        await keeper.close()
+    await realm.create("Leaf", "leaf", "h1", "process")
+    await until(lambda: any(known.name == "leaf" for known in store.agents.values()))
+    assert await ordered(1) == realm.hosts["h1"].pid("leaf")
+    await realm.migrate("leaf", "h1", "h2")
+    assert await ordered(2) == realm.hosts["h2"].pid("leaf")
+    os.kill(realm.hosts["h2"].pid("leaf"), signal.SIGKILL)
+    await until(lambda: realm.hosts["h2"].pid("leaf") > 0)
+    await ordered(3)
+    assert await realm.acts() == [1, 2, 3]
 
 
+@pytest.mark.usefixtures("directory")
 async def test_one_that_sends_what_cannot_be_used_is_ended_and_not_awaited_by_the_directories(
-    realm: Realm, tmp_path: Path
+    realm: Realm, store: OrderStore
 ) -> None:
     await realm.start("h1")
-    keeper = await join("test", root=realm.root)
-    store = OrderStore(tmp_path / "orders.db")
-    directory = DirectoryService(keeper, "memory", store)
-    await directory.start()
-    try:
-        await realm.create("Leaf", "leaf", "h1", "process")
-        await until(lambda: any(known.name == "leaf" for known in store.agents.values()))
-        apart = realm.hosts["h1"].host.apart
-        assert apart is not None
-        robot = apart.robots["leaf"]
-        robot._takers[pipe.Alive] = lambda _: robot._be_up(pipe.Up(b"\xff", "x"))  # pyright: ignore[reportPrivateUsage]
-        await until(lambda: all(known.deleted for known in store.agents.values()))
-        assert realm.where("leaf") == []
-    finally:
-        await directory.close()
-        store.close()
-        await keeper.close()
+    await realm.create("Leaf", "leaf", "h1", "process")
+    await until(lambda: any(known.name == "leaf" for known in store.agents.values()))
+    apart = realm.hosts["h1"].host.apart
+    assert apart is not None
+    robot = apart.robots["leaf"]
+    robot._takers[pipe.Alive] = lambda _: robot._be_up(pipe.Up(b"\xff", "x"))  # pyright: ignore[reportPrivateUsage]
+    await until(lambda: all(known.deleted for known in store.agents.values()))
+    assert realm.where("leaf") == []
 
 
 async def test_one_that_is_placed_moves_beside_the_one_that_it_calls_and_says_why(

@@ -166,28 +166,13 @@ def test_of_robots_that_are_no_children_it_ends_its_own_calls_and_pauses_nothing
 ) -> None:
     judge = Judge("guest", permissions)
     judge.expect_own(OWN.key)
-    others = (
-        req.Cancel(),
-        req.Cancel(key="ben/1"),
-        req.Detach(key="ben/1"),
-        req.Attend(key="ben/1"),
-    )
-    for request in (
-        *others,
-        req.Cancel(key=CALL.key),
-        req.Pause(),
-        req.TakeStep(),
-        req.Continue(),
-    ):
+    others = (req.Cancel(), req.Cancel(key="ben/1"), req.Detach(key="ben/1"), req.Attend(key="ben/1"))
+    for request in (*others, req.Cancel(key=CALL.key), req.Pause(), req.TakeStep(), req.Continue()):
         with pytest.raises(NotItsChild):
             judge.expect_child(OTHER.key, body(request))
     if permissions is not None:
         judge.expect_child(OTHER.key, body(CALL))
-        for request in (
-            req.Attend(key=CALL.key),
-            req.Detach(key=CALL.key),
-            req.Cancel(key=CALL.key),
-        ):
+        for request in (req.Attend(key=CALL.key), req.Detach(key=CALL.key), req.Cancel(key=CALL.key)):
             judge.expect_child(OTHER.key, body(request))
             with pytest.raises(NotItsChild):
                 judge.expect_child(Address("robot", "rover", "3").key, body(request))
@@ -215,10 +200,7 @@ def test_it_hands_a_resume_down_to_its_children_and_ends_no_stop_by_itself() -> 
             judge.expect_child(OTHER.key, down)
         judge.note_asked(body(req.Enslave(slot="arm", child=OTHER)))
         judge.expect_child(OTHER.key, down)
-        for other in (
-            req.Resume(epoch=3),
-            req.Resume(epoch=3, seen={OTHER.key: 2}, given=7.0, clock="c"),
-        ):
+        for other in (req.Resume(epoch=3), req.Resume(epoch=3, seen={OTHER.key: 2}, given=7.0, clock="c")):
             with pytest.raises(NotAllowed, match="nobody has asked it to resume"):
                 judge.expect_child(OTHER.key, body(other))
         judge.note_answered(1)
