@@ -80,14 +80,6 @@ async def test_a_command_is_carried_out_and_its_result_returned(realm: Any) -> N
     assert await client.call("get_info", {}) == {"x": 1.5, "moves": 2}
 
 
-async def test_progress_is_heard_on_the_way(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    heard: list[tuple[float, str]] = []
-    await realm.client(rover).call("move", {"x": 10}, on_progress=lambda *word: heard.append(word))
-    assert [fraction for fraction, _ in heard][:9] == pytest.approx([n / 10 for n in range(1, 10)])
-    assert heard[0][1] == "rolling"
-
-
 async def test_one_command_at_a_time_in_their_order(realm: Any) -> None:
     rover = await realm.start(Rover("rover"))
     loop = asyncio.get_running_loop()
@@ -146,19 +138,6 @@ async def test_what_cannot_be_done_is_said_in_one_sentence(
     assert str(refused.value).startswith(sentence)
     assert rover.robot.done == []
     await realm.client(rover).call("move", {"x": 1})  # nothing is lost
-
-
-async def test_what_is_not_done_in_time_is_cancelled(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    loop = asyncio.get_running_loop()
-    began = loop.time()
-    waiting = asyncio.create_task(realm.client(rover).call("move", {"x": 1}, deadline=4.0))
-    with pytest.raises(DeadlineExceeded):
-        await realm.client(rover).call("move", {"x": 10}, deadline=3.5)
-    assert loop.time() - began == pytest.approx(3.5, abs=0.1)
-    with pytest.raises(DeadlineExceeded):
-        await realm.client(rover).call("move", {"x": 9}, deadline=1.0)
-    await asyncio.gather(waiting, return_exceptions=True)
 
 
 async def test_what_waited_until_its_time_was_over_says_that_it_never_began(realm: Any) -> None:

@@ -171,29 +171,30 @@ async def test_a_command_that_is_not_attended_has_no_attended_one_carried_out(
     assert saw.robot.turned == 0
 
 
-async def test_the_key_of_somebody_else_does_not_count(realm: Any, person: Person) -> None:
+async def turning(realm: Any, person: Person) -> tuple[Any, str]:
+    """Return a saw that turns for a program, and the key of the call."""
     saw, _ = await tree(realm, 0)
     call = Call(key=fresh_key(), command="turn", deadline=60.0, attended=ATTENTION)
     await person.transport.announce("caller/one")
     caller = RobotClient(person.transport, saw.address, sender="caller/one")
-    other = RobotClient(realm.network.join("other"), saw.address, sender="caller/two")
     person.tasks.append(asyncio.create_task(caller.carry_out(call)))
     await realm.until(lambda: saw.description().busy == "turn")
+    return saw, call.key
+
+
+async def test_the_key_of_somebody_else_does_not_count(realm: Any, person: Person) -> None:
+    saw, key = await turning(realm, person)
+    other = RobotClient(realm.network.join("other"), saw.address, sender="caller/two")
     for _ in range(30):
-        other.press(call.key)
+        other.press(key)
         await asyncio.sleep(STEP)
     assert await realm.until(lambda: saw.description().busy == "") < ATTENTION
 
 
 @pytest.mark.parametrize("age", [math.nan, -math.inf, -60.0])
 async def test_a_key_of_no_age_prolongs_nothing(realm: Any, person: Person, age: float) -> None:
-    saw, _ = await tree(realm, 0)
-    call = Call(key=fresh_key(), command="turn", deadline=60.0, attended=ATTENTION)
-    await person.transport.announce("caller/one")
-    caller = RobotClient(person.transport, saw.address, sender="caller/one")
-    person.tasks.append(asyncio.create_task(caller.carry_out(call)))
-    await realm.until(lambda: saw.description().busy == "turn")
-    request = Attend(key=call.key, age=age)
+    saw, key = await turning(realm, person)
+    request = Attend(key=key, age=age)
     with contextlib.suppress(VrError):
         await ask(person.transport, saw.address.key, request, Done, timeout=1.0, sender="caller/one")
     assert await realm.until(lambda: saw.description().busy == "") < ATTENTION + 0.2

@@ -29,6 +29,13 @@ class Operator:
     def call(self, name: str, command: str, **arguments: float) -> None:
         self.calls.append(asyncio.create_task(self.realm_client.call(name, command, arguments)))
 
+    async def moves(self) -> Any:
+        """Have a rover move, and return it."""
+        rover = await self.realm.start(Rover("rover"))
+        self.call("rover", "move", x=5)
+        await self.realm.until(lambda: running(rover) == ["move"])
+        return rover
+
     def kill(self) -> None:
         self.realm.network.kill(self.transport)
 
@@ -61,9 +68,7 @@ async def test_a_killed_caller_ends_its_command_down_to_the_hardware(realm: Any,
 async def test_a_stopped_caller_ends_its_command_when_its_presence_is_over(
     realm: Any, operator: Operator
 ) -> None:
-    rover = await realm.start(Rover("rover"))
-    operator.call("rover", "move", x=5)
-    await realm.until(lambda: running(rover) == ["move"])
+    rover = await operator.moves()
     realm.network.freeze(operator.transport)
     assert 1.9 < await realm.until(lambda: running(rover) == [""]) < 2.2
     realm.network.thaw(operator.transport)
@@ -127,9 +132,7 @@ async def test_a_caller_that_was_never_there_is_not_obeyed_for_long(realm: Any) 
 
 
 async def test_a_caller_that_closes_in_order_leaves_nothing_running(realm: Any, operator: Operator) -> None:
-    rover = await realm.start(Rover("rover"))
-    operator.call("rover", "move", x=5)
-    await realm.until(lambda: running(rover) == ["move"])
+    rover = await operator.moves()
     await operator.realm_client.close()
     await realm.until(lambda: running(rover) == [""], within=0.2)
 

@@ -216,34 +216,33 @@ async def test_a_cancel_ends_the_wait_for_a_description_at_once(realm: Any) -> N
     realm.network.resume(mover.transport)
 
 
-async def test_a_command_that_comes_before_a_restored_robot_goes_on_waits_for_that(realm: Any) -> None:
-    """The other robots of its host are not all back yet."""
+async def restored(realm: Any) -> Any:
     before = await realm.start(Patient("patient"))
     kept_state = decode_state(encode_state(before.runtime.core.state))
     realm.kill(before)
-    patient = Patient("patient")
-    after = await realm.start(patient, state=kept_state)
+    return await realm.start(Patient("patient"), state=kept_state)
+
+
+async def test_a_command_that_comes_before_a_restored_robot_goes_on_waits_for_that(realm: Any) -> None:
+    """The other robots of its host are not all back yet."""
+    after = await restored(realm)
     call = asyncio.ensure_future(realm.client(after).call("wait", {}))
     await realm.until(lambda: bool(after._outside._waiting))
-    assert patient.begun == 0
+    assert after.robot.begun == 0
     after.go_on()
     await call
-    assert patient.begun == 1
+    assert after.robot.begun == 1
 
 
 async def test_a_command_that_begins_before_a_restored_robot_goes_on_is_carried_out_once(realm: Any) -> None:
     """As one that a robot beside it calls, which went on before."""
-    before = await realm.start(Patient("patient"))
-    kept_state = decode_state(encode_state(before.runtime.core.state))
-    realm.kill(before)
-    patient = Patient("patient")
-    after = await realm.start(patient, state=kept_state)
+    after = await restored(realm)
     after._outside.go_on()
     call = asyncio.ensure_future(realm.client(after).call("wait", {}))
-    await realm.until(lambda: patient.begun > 0)
+    await realm.until(lambda: after.robot.begun > 0)
     after.go_on()
     await call
-    assert patient.begun == 1
+    assert after.robot.begun == 1
 
 
 async def test_each_life_of_a_host_numbers_calls_under_a_name_of_its_own(realm: Any) -> None:

@@ -153,17 +153,6 @@ async def test_one_step_passes_at_a_time(homes: Any, painter: Any) -> None:
         await client.step()
 
 
-async def test_a_new_command_of_a_paused_robot_waits_and_says_so(homes: Any, painter: Any) -> None:
-    await homes.client(painter).pause()
-    said: list[str] = []
-    task = begin(homes, painter, "line", said=said)
-    await homes.until(lambda: bool(said))
-    assert "paused by " in said[0]
-    assert painter.arm.robot.moves == []
-    await homes.client(painter).go_on()
-    await task
-
-
 @pytest.mark.parametrize("how", ["cancel", "stop", "deadline"])
 async def test_a_paused_command_is_ended_at_once_and_the_pause_stays(
     homes: Any, painter: Any, how: str

@@ -7,38 +7,17 @@ from typing import Annotated, Any, Literal
 import pytest
 
 from robotree.vr import Robot, Unit, command
+from robotree.vr.author.signature import signature_of
 from robotree.vr.base.errors import CommandFailed
 from tests.vr.core.crew import Where
 
+METRES, SIDE = Annotated[float, Unit("m"), "how far"], Literal["left", "right"]
+
 
 class Liar(Robot):
-    """Declares result types, and returns the values that the test chooses."""
+    """Fails as the test chooses."""
 
     truth: Any = None
-
-    @command
-    def whole(self) -> int:
-        return self.truth  # type: ignore[no-any-return]
-
-    @command
-    def metres(self) -> Annotated[float, Unit("m"), "how far"]:
-        return self.truth  # type: ignore[no-any-return]
-
-    @command
-    def perhaps(self) -> float | None:
-        return self.truth  # type: ignore[no-any-return]
-
-    @command
-    def nothing(self) -> None:
-        return self.truth  # type: ignore[no-any-return]
-
-    @command
-    def side(self) -> Literal["left", "right"]:
-        return self.truth  # type: ignore[no-any-return]
-
-    @command
-    def where(self) -> Where:
-        return self.truth  # type: ignore[no-any-return]
 
     @command
     def fails(self) -> None:
@@ -48,53 +27,54 @@ class Liar(Robot):
     def divides(self) -> float:
         return (1.0 + 2.0) / (3.0 * self.truth)
 
-    @command
-    def unsaid(self):  # type: ignore[no-untyped-def] # noqa: ANN201 # an author may leave it open
-        return self.truth
+
+def given(promise: Any, truth: Any) -> Any:
+    """Return what callers get of a command that promises something and returns the truth."""
+
+    def give(self: Robot) -> Any: ...
+
+    give.__annotations__ = {"return": promise}
+    return signature_of(give, "once").plain_result(truth, robot="liar", name="give")
 
 
 @pytest.mark.parametrize(
-    ("name", "truth", "sentence"),
+    ("promise", "truth", "sentence"),
     [
-        ("whole", "abc", "it promises int but returned 'abc': Expected `int`, got `str`"),
-        ("whole", 1.5, "it promises int but returned 1.5"),
-        ("whole", True, "it promises int but returned True"),
-        ("whole", None, "it promises int but returned None"),
-        ("metres", "1 m", "it promises float but returned '1 m'"),
-        ("perhaps", [], "it promises float | None but returned []"),
-        ("nothing", 0, "it promises nothing but returned 0"),
-        ("side", "up", "it promises Literal['left', 'right'] but returned 'up'"),
-        ("where", {"x": "here", "moves": 1}, "Expected `float`, got `str` - at `$.x`"),
-        ("where", 1, "Where but returned 1"),
+        (int, "abc", "it promises int but returned 'abc': Expected `int`, got `str`"),
+        (int, 1.5, "it promises int but returned 1.5"),
+        (int, True, "it promises int but returned True"),
+        (int, None, "it promises int but returned None"),
+        (METRES, "1 m", "it promises float but returned '1 m'"),
+        (float | None, [], "it promises float | None but returned []"),
+        (None, 0, "it promises nothing but returned 0"),
+        (SIDE, "up", "it promises Literal['left', 'right'] but returned 'up'"),
+        (Where, {"x": "here", "moves": 1}, "Expected `float`, got `str` - at `$.x`"),
+        (Where, 1, "Where but returned 1"),
     ],
 )
-async def test_a_result_is_what_its_signature_promises_or_a_failure(
-    realm: Any, name: str, truth: Any, sentence: str
+def test_a_result_is_what_its_signature_promises_or_a_failure(
+    promise: Any, truth: Any, sentence: str
 ) -> None:
-    liar = await realm.start(Liar("liar"))
-    liar.robot.truth = truth
     with pytest.raises(CommandFailed) as refused:
-        await realm.client(liar).call(name, {})
-    assert str(refused.value).startswith(f"liar.{name} failed: it promises ")
+        given(promise, truth)
+    assert str(refused.value).startswith("liar.give failed: it promises ")
     assert sentence in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    ("name", "truth", "plain"),
+    ("promise", "truth", "plain"),
     [
-        ("whole", 7, 7),
-        ("metres", 1, 1),
-        ("perhaps", None, None),
-        ("side", "left", "left"),
-        ("where", Where(1.0, 2), {"x": 1.0, "moves": 2}),
-        ("where", {"x": 1.0, "moves": 2}, {"x": 1.0, "moves": 2}),
-        ("unsaid", [1, "a"], [1, "a"]),
+        (int, 7, 7),
+        (METRES, 1, 1),
+        (float | None, None, None),
+        (SIDE, "left", "left"),
+        (Where, Where(1.0, 2), {"x": 1.0, "moves": 2}),
+        (Where, {"x": 1.0, "moves": 2}, {"x": 1.0, "moves": 2}),
+        (Any, [1, "a"], [1, "a"]),  # an author may leave it open
     ],
 )
-async def test_a_result_that_keeps_its_promise_travels(realm: Any, name: str, truth: Any, plain: Any) -> None:
-    liar = await realm.start(Liar("liar"))
-    liar.robot.truth = truth
-    assert await realm.client(liar).call(name, {}) == plain
+def test_a_result_that_keeps_its_promise_travels(promise: Any, truth: Any, plain: Any) -> None:
+    assert given(promise, truth) == plain
 
 
 class Unspeakable(Exception):

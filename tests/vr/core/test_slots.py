@@ -20,6 +20,14 @@ def bond(child: Address = ARM, epoch: int = 1) -> Bond:
     return Bond(child=child, lease=lease, description=RobotDescription(address=child, kinds=("Arm", "Robot")))
 
 
+def bound(epoch: int = 1) -> Slots:
+    """Return slots with an arm in the left one."""
+    children = slots()
+    children.begin("left", ARM)
+    children.bind("left", bond(epoch=epoch))
+    return children
+
+
 def test_an_unknown_slot_is_answered_with_those_there_are() -> None:
     with pytest.raises(NoSuchSlot, match="lever has no child slot 'middle'; it has: left, right"):
         slots()["middle"]
@@ -44,9 +52,7 @@ def test_a_refused_child_leaves_the_slot_as_it_was() -> None:
 
 
 def test_a_bond_is_with_a_child_in_any_incarnation_but_only_the_present_one_can_be_lost() -> None:
-    children, before, after = slots(), ARM, Address("robot", "arm-1", "2")
-    children.begin("left", before)
-    children.bind("left", bond(epoch=7))
+    children, before, after = bound(epoch=7), ARM, Address("robot", "arm-1", "2")
     held = children.held("left", after, 7)
     assert held is not None
     assert children.held("left", after, 8) is None
@@ -57,10 +63,8 @@ def test_a_bond_is_with_a_child_in_any_incarnation_but_only_the_present_one_can_
 
 
 def test_a_lost_child_leaves_its_reason_until_the_next_one_comes() -> None:
-    children, first = slots(), bond()
-    children.begin("left", ARM)
-    children.bind("left", first)
-    assert children.lose("left", first.child, first.lease.epoch, "arm-1 has ended")
+    children = bound()
+    assert children.lose("left", ARM, 1, "arm-1 has ended")
     assert [spec.lost for spec in children.specs()] == ["arm-1 has ended", ""]
     with pytest.raises(
         SlotEmpty, match=r"lever.left is empty \(arm-1 has ended\); enslave a robot of kind Arm: "
@@ -73,20 +77,16 @@ def test_a_lost_child_leaves_its_reason_until_the_next_one_comes() -> None:
 
 
 def test_an_old_loss_does_not_touch_a_new_bond() -> None:
-    children, first = slots(), bond()
-    children.begin("left", ARM)
-    children.bind("left", first)
+    children = bound()
     children.free("left")
     children.begin("left", ARM)
     children.bind("left", bond(epoch=2))
-    assert not children.lose("left", first.child, first.lease.epoch, "late news")
+    assert not children.lose("left", ARM, 1, "late news")
     assert children["left"].state == "bound"
 
 
 def test_an_empty_slot_says_that_its_child_was_released() -> None:
-    children = slots()
-    children.begin("left", ARM)
-    children.bind("left", bond())
+    children = bound()
     assert children.free("left").child == ARM
     assert children["left"].lost == ""
     with pytest.raises(SlotEmpty, match="arm-1 was released"):

@@ -258,29 +258,6 @@ async def test_a_transaction_that_lasts_too_long_has_done_nothing(realm: Any) ->
 
 
 @pytest.mark.usefixtures("space")
-async def test_a_taker_that_dies_or_is_cancelled_gives_back(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
-    await call(realm, one, "put", place="hall")
-    exchanging = asyncio.create_task(call(realm, other, "exchange", seconds=9))
-    await asyncio.sleep(1)
-    await realm.client(other).cancel()
-    with pytest.raises(VrError, match="cancelled"):
-        await exchanging
-    assert await call(realm, one, "look") == ["Delivery hall"]
-    exchanging = asyncio.create_task(call(realm, other, "exchange", seconds=9))
-    await asyncio.sleep(1)
-    assert await call(realm, one, "look") == []
-    waiting = asyncio.create_task(call(realm, one, "fetch", within=8))
-    await asyncio.sleep(0.1)
-    began = asyncio.get_running_loop().time()
-    realm.kill(other)
-    with pytest.raises(VrError):
-        await exchanging
-    assert await waiting == "Delivery hall"
-    assert asyncio.get_running_loop().time() - began < 2
-
-
-@pytest.mark.usefixtures("space")
 async def test_a_notification_is_a_hint(realm: Any) -> None:
     one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
     await call(realm, one, "put", place="hall")  # before: no hint

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from typing import Any
 
 import pytest
@@ -53,6 +54,7 @@ class Pair(VirtualRobot):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.saw: list[Any] = []
+        self.release = threading.Event()
 
     @command
     def both(self, left: float, right: float, *, well: bool = True) -> Any:
@@ -164,6 +166,12 @@ class Pair(VirtualRobot):
             both.start(self.ignore)
             self.sleep(1)
             raise Failed("enough")
+
+    @command
+    def hears_nothing(self) -> None:
+        with self.together() as both:
+            both.start(self.twice, self.left, 60)
+            self.release.wait()
 
     def ignore(self) -> None:
         while True:
@@ -335,6 +343,19 @@ async def test_the_end_of_a_command_ends_all_that_it_has_started(
     assert type(error) is (DeadlineExceeded if how == "deadline" else CommandCancelled)
     await idle(realm, pair, pair.left, pair.right)
     assert pair.left.robot.done[-1] == pair.right.robot.done[-1] == "cancelled"
+
+
+@pytest.mark.real_threads
+async def test_a_cancel_reaches_a_function_of_the_page_while_its_block_hears_nothing(
+    realm: Any, pair: Any
+) -> None:
+    task = asyncio.create_task(timed(realm.client(pair).call("hears_nothing", {}, key="k")))
+    await realm.until(lambda: pair.left.description().busy == "go")
+    await realm.client(pair).cancel("k", reason="enough")
+    await realm.until(lambda: pair.left.description().busy == "", within=20)
+    assert pair.left.robot.done == ["cancelled"]
+    pair.robot.release.set()
+    assert isinstance((await task)[1], CommandCancelled)
 
 
 async def test_a_part_that_ignores_its_end_is_given_up_with_the_command(realm: Any, pair: Any) -> None:

@@ -82,6 +82,10 @@ class Place:
         self.journal.close()
         await self.transport.close()
 
+    async def restart(self) -> None:
+        await self.end()
+        await self.start()
+
     async def create(
         self, name: str = "guest", level: Isolation = "process", page: str = PAGE
     ) -> RobotClient:
@@ -240,8 +244,7 @@ async def test_one_that_is_given_up_says_why_until_it_is_deleted_and_can_be_made
     with pytest.raises(GivenUp):
         await place.host.migrate_apart("guest", "h2")
     # its host goes on with it when it is started again
-    await place.end()
-    await place.start()
+    await place.restart()
     assert "guest" in await guest.resume()
     for _ in range(2):
         await place.crash(guest)
@@ -265,8 +268,7 @@ async def test_what_is_ordered_while_it_is_given_up_holds_when_its_host_is_back(
     await place.robot("stopped").safe_stop("a person says so")
     assert (await place.robot("stopped").describe()).stop_reason == "a person says so"
     await place.robot("cancelled").cancel()
-    await place.end()
-    await place.start()
+    await place.restart()
     await until(lambda: marks["free"].read_text() == "went on")  # as it is said: it goes on from there
     assert [(await place.robot(name).describe()).stopped for name in marks] == [False, True, False]
     with pytest.raises(VrError, match="a person says so"):
@@ -275,8 +277,7 @@ async def test_what_is_ordered_while_it_is_given_up_holds_when_its_host_is_back(
     for name in ("stopped", "cancelled"):
         assert await place.robot(name).call("add", {"a": 1, "b": 2}) == 3, "nothing else goes on"
         assert marks[name].read_text() == "begun"
-    await place.end()  # and what was resumed is not stopped again
-    await place.start()
+    await place.restart()  # and what was resumed is not stopped again
     assert await place.robot("stopped").call("add", {"a": 1, "b": 2}) == 3
 
 
@@ -303,8 +304,7 @@ async def test_a_command_that_had_it_given_up_has_ended_when_its_host_is_back(
     with pytest.raises(VrError):
         await guest.call("crash", {})
     await until(place.is_given_up)
-    await place.end()
-    await place.start()
+    await place.restart()
     pid = place.pid()
     assert await guest.call("add", {"a": 1, "b": 2}) == 3
     assert place.pid() == pid
@@ -358,16 +358,14 @@ async def test_a_stop_that_was_left_while_its_host_hung_holds_when_it_is_back(
     events = await place.host.answer(_request(ReadEvents(robot="guest")))
     assert events.events  # type: ignore[union-attr] # `EventsRead`
     await guest.resume()
-    await place.end()
-    await place.start()
+    await place.restart()
     assert not (await guest.describe()).stopped, "the stop is over"
     assert leave_stop(folder, [], "halt") == ("guest",)
     await guest.delete()
     await until(lambda: leave_stop(folder, [], "halt") == ())  # there is nobody any more
     await until(lambda: not list(folder.parent.iterdir()))
     await place.create()
-    await place.end()
-    await place.start()
+    await place.restart()
     assert not (await place.robot().describe()).stopped, "it was another one's"
 
 

@@ -24,11 +24,15 @@ CALL = req.Call(key="guest/1", command="move", deadline=1.0)
 UNDER_LEASE = req.Call(key="guest/1", command="move", deadline=1.0, epoch=3)
 
 
-@pytest.fixture
-def judge() -> Judge:
-    judge = Judge("guest")
+def judge_of(permissions: Permissions | None = None) -> Judge:
+    judge = Judge("guest", permissions)
     judge.expect_own(OWN.key)
     return judge
+
+
+@pytest.fixture
+def judge() -> Judge:
+    return judge_of()
 
 
 def body(request: req.AnyRequest, sender: str = OWN.key) -> bytes:
@@ -76,8 +80,7 @@ def test_whatever_else_it_asks_for_is_refused(
 
 def test_it_has_the_permissions_of_its_page_and_no_others() -> None:
     limited = Permissions(commands=("Arm.move",))
-    judge = Judge("guest", limited)
-    judge.expect_own(OWN.key)
+    judge = judge_of(limited)
     judge.expect_asked(OTHER.key, seal(CALL, now=1.0, within=1.0, sender=OWN.key, may=limited).body)
     for forged in (None, Permissions(commands=("*.*",))):
         with pytest.raises(Misbehaved):
@@ -85,8 +88,7 @@ def test_it_has_the_permissions_of_its_page_and_no_others() -> None:
 
 
 def test_what_binds_and_ends_needs_no_permissions() -> None:
-    judge = Judge("guest", Permissions(commands=("Arm.move",)))
-    judge.expect_own(OWN.key)
+    judge = judge_of(Permissions(commands=("Arm.move",)))
     for request in (petition(OWN), req.Release(parent=OWN, epoch=1)):
         judge.expect_asked(OTHER.key, body(request))
     with pytest.raises(Misbehaved, match="other permissions"):
@@ -164,8 +166,7 @@ def test_it_commands_its_children_alone(judge: Judge) -> None:
 def test_of_robots_that_are_no_children_it_ends_its_own_calls_and_pauses_nothing(
     permissions: Permissions | None,
 ) -> None:
-    judge = Judge("guest", permissions)
-    judge.expect_own(OWN.key)
+    judge = judge_of(permissions)
     others = (req.Cancel(), req.Cancel(key="ben/1"), req.Detach(key="ben/1"), req.Attend(key="ben/1"))
     for request in (*others, req.Cancel(key=CALL.key), req.Pause(), req.TakeStep(), req.Continue()):
         with pytest.raises(NotItsChild):
@@ -190,8 +191,7 @@ def test_of_robots_that_are_no_children_it_ends_its_own_calls_and_pauses_nothing
 
 
 def test_it_hands_a_resume_down_to_its_children_and_ends_no_stop_by_itself() -> None:
-    for judge in (Judge("guest"), Judge("guest", Permissions(commands=("Arm.move",)))):
-        judge.expect_own(OWN.key)
+    for judge in (judge_of(), judge_of(Permissions(commands=("Arm.move",)))):
         asked = req.Resume(seen={OTHER.key: 1}, given=7.0, clock="c")
         down = body(msgspec.structs.replace(asked, epoch=3, within=0.5))
         judge.note_asked(body(asked), 1)
