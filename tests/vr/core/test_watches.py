@@ -139,7 +139,9 @@ async def test_many_watch_a_robot_beside_its_commander(realm: Realm) -> None:
     assert await realm.client(one).call("battery", {}) == 0.5
 
 
-async def test_what_comes_while_a_listener_works_is_kept_for_its_next_look(realm: Realm) -> None:
+async def test_a_stream_is_wanted_only_while_somebody_listens_and_kept_for_who_is_at_work(
+    realm: Realm,
+) -> None:
     reporter, listener = await realm.start(Reporter("reporter")), await realm.start(Listener("listener"))
     await realm.client(listener).enslave("robot", reporter.address)
     assert await realm.client(reporter).call("is_wanted", {}) is False
