@@ -133,19 +133,16 @@ def composed(
             steps += _by_hand(slots[robot], known[robot], _stretches(run, start), tolerance, parameters)
             begun.add(robot)
         else:
-            steps += [_act(slots[robot], known[robot], call) for call in run]
+            steps += [_call(slots[robot], known[robot], call.command, call.arguments) for call in run]
+    parts = {step.name for _, step in walk(old.steps) if isinstance(step, ComposedPart)}
     kinds = dict(old.slots) | {slots[robot]: known[robot].kind for robot in slots if robot in known}
     return msgspec.structs.replace(
         old,
         name=name,
         slots=tuple(kinds.items()),
-        steps=(*old.steps, *_named(steps, _part_names(old.steps))),
+        steps=(*old.steps, *_named(steps, parts)),
         parameters=tuple(parameters.items()),
     )
-
-
-def _part_names(steps: Iterable[ComposedStep]) -> set[str]:
-    return {step.name for _, step in walk(steps) if isinstance(step, ComposedPart)}
 
 
 def _can(robot: ShownRobot, shown: Shown) -> bool:
@@ -212,7 +209,8 @@ def _by_hand(
     steps: list[ComposedStep] = []
     full = False
     for number, (stretch, way) in enumerate(zip(stretches, ways, strict=True)):
-        arriving, acts = way[leaving[number] :], [_act(slot, robot, act) for act in stretch.acts]
+        arriving = way[leaving[number] :]
+        acts = [_call(slot, robot, act.command, act.arguments) for act in stretch.acts]
         if not _is_place(stretch):
             steps += [*(_move(slot, robot, point) for point in arriving), *acts]
             continue
@@ -291,16 +289,11 @@ def simplified(way: Sequence[Pose], tolerance: float) -> list[Pose]:
             keep.add(at)
             waiting += [(first, at), (at, last)]
     kept = [way[index] for index in sorted(keep)]
-    return [point for index, point in enumerate(kept) if not index or _apart(point, kept[index - 1]) > 0.0]
+    return [point for index, point in enumerate(kept) if not index or point != kept[index - 1]]
 
 
 def _weighed(point: Pose) -> Pose:
     return point[0], point[1], point[2], ARM_OF_TWIST * point[3]
-
-
-def _apart(one: Pose, other: Pose) -> float:
-    """[m] between two points, with what a turn counts."""
-    return math.dist(_weighed(one), _weighed(other))
 
 
 def _off(point: Pose, first: Pose, last: Pose) -> float:
@@ -367,10 +360,6 @@ def _move(
             plus = point[index] - centre[index]
             values[index] = Variable(f"{place}_{axis}", 0.0 if abs(plus) < stands else _rounded(plus))
     return _call(slot, robot, GO_TO, dict(zip(AXES, values, strict=True)))
-
-
-def _act(slot: str, robot: ShownRobot, act: Shown) -> ComposedStep:
-    return _call(slot, robot, act.command, act.arguments)
 
 
 def _call(slot: str, robot: ShownRobot, command: str, arguments: Mapping[str, Any]) -> ComposedStep:

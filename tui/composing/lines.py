@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable, Sequence
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -100,16 +100,16 @@ def line_of(step: ComposedStep) -> str:  # noqa: PLR0911 # one for each step
     """Return one step as a line, without what is in it."""
     match step:
         case ComposedCall(slot, command, arguments):
-            given = [f"{name}={_value(value)}" for name, value in arguments]
+            given = [f"{name}={literal_of(value)}" for name, value in arguments]
             return " ".join([f"{slot}.{command}", *given])
         case ComposedWait(seconds):
-            return f"wait {_value(seconds)}"
+            return f"wait {literal_of(seconds)}"
         case ComposedExpectation(that, otherwise):
             return f"expect {comparison_text(that)} else {_quoted(otherwise)}"
         case ComposedPart(name):
             return f"part {name}"
         case ComposedRepeat(times, _, until):
-            return f"repeat {_value(times)}" + (f" until {comparison_text(until)}" if until else "")
+            return f"repeat {literal_of(times)}" + (f" until {comparison_text(until)}" if until else "")
         case ComposedBranch(that):
             return f"if {comparison_text(that)}"
         case ComposedTogether():
@@ -118,10 +118,11 @@ def line_of(step: ComposedStep) -> str:  # noqa: PLR0911 # one for each step
 
 def comparison_text(that: Comparison) -> str:
     """Return a comparison as people write it."""
-    return f"{that.path} {that.relation} {_value(that.value)}"
+    return f"{that.path} {that.relation} {literal_of(that.value)}"
 
 
-def _value(value: Value) -> str:
+def literal_of(value: Any) -> str:
+    """Return a value as a line has it."""
     if isinstance(value, Variable):
         return f"${value.name}" + (f"{value.plus:+.6f}".rstrip("0").rstrip(".") if value.plus else "")
     text = _literal(value)
@@ -352,8 +353,3 @@ class _Reading:
             self._about["robot doc"] or plain.doc,
             self._about.get("command doc") or plain.does,
         )
-
-
-def literal_of(value: Any) -> str:
-    """Return a value as a line has it."""
-    return _value(cast("Value", value))

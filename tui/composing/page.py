@@ -11,8 +11,6 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-import msgspec
-
 from robotree.tui.composing.lines import comparison_text
 from robotree.tui.composing.play import Order, Played, play
 from robotree.tui.composing.steps import (
@@ -48,16 +46,8 @@ TAKEN: Final = frozenset(
 ) | frozenset(ALIASES.values())
 
 
-class Texts(msgspec.Struct, frozen=True):
-    """What is written, by the name of its file."""
-
-    files: Mapping[str, str]
-    lines: int
-    """Of the page."""
-
-
-def texts(checked: Checked, kinds: Kinds, shipped: Iterable[str], origin: str) -> Texts:
-    """Return the page of a composition, its panel and its test.
+def texts(checked: Checked, kinds: Kinds, shipped: Iterable[str], origin: str) -> dict[str, str]:
+    """Return the page of a composition, its panel and its test, by the names of their files.
 
     Args:
         checked: it can be meant.
@@ -69,9 +59,8 @@ def texts(checked: Checked, kinds: Kinds, shipped: Iterable[str], origin: str) -
         BadComposition: one call would take too many steps for a test.
     """
     maker = _PageMaker(checked, kinds, frozenset(shipped), origin)
-    name, page = checked.composition.name, maker.page()
-    files = {f"{name}.py": page, f"{name}.panel.yaml": maker.panel(), f"test_{name}.py": maker.test()}
-    return Texts(files, len(page.splitlines()))
+    name = checked.composition.name
+    return {f"{name}.py": maker.page(), f"{name}.panel.yaml": maker.panel(), f"test_{name}.py": maker.test()}
 
 
 def class_name(name: str, taken: Iterable[str]) -> str:
@@ -92,7 +81,8 @@ class _PageMaker:
         self._imported = sorted({kind for _, kind in self._made.slots} & shipped)
         self._class = class_name(self._made.name, kinds)
         self._fields = checked.fields
-        self._aliases = _aliases([self._fields[name] for name, _ in self._made.parameters])
+        fields = [self._fields[name] for name, _ in self._made.parameters]
+        self._aliases, self._alias_rows = _aliases(fields)
         self._methods = [
             step for depth, step in walk(self._made.steps) if isinstance(step, ComposedPart) and depth > 1
         ]
@@ -104,7 +94,7 @@ class _PageMaker:
         rows = [f'"""{prose(self._made.doc)} {prose(self._origin)} It is yours."""', ""]
         rows += [*self._imports(), ""]
         if self._aliases:
-            rows += [*(row for text, alias in self._aliases.items() for row in _alias(alias, text)), ""]
+            rows += [*self._alias_rows, ""]
         rows += ["", f"class {self._class}(VirtualRobot):", f'    """{prose(self._made.doc)}"""', ""]
         for slot, kind in self._made.slots:
             rows.append(f"    {slot} = Child({kind if kind in self._imported else literal(kind)})")
@@ -132,7 +122,7 @@ class _PageMaker:
         return [*rows, *_call("from robotree.vr import ", ordered, "", "")]
 
     def _type(self, name: str) -> str:
-        text = annotation(self._fields[name])
+        text = str(annotation(self._fields[name]))
         return self._aliases.get(text, text)
 
     def _method(self, name: str, given: Sequence[str], doc: str, steps: Sequence[ComposedStep]) -> list[str]:
@@ -283,57 +273,33 @@ def prose(text: str) -> str:
     return plain if plain.endswith((".", "!", "?")) else f"{plain}."
 
 
-def annotation(field: FieldSpec) -> str:
-    """Return the type of a parameter."""
+def annotation(field: FieldSpec) -> Bracket | str:
+    """Return the type of a parameter; a text: it is a word alone."""
     if field.type == "choice":
-        return f"Literal[{', '.join(map(literal, field.choices))}]"
+        return Bracket("Literal[", [literal(choice) for choice in field.choices], "]")
     more = [f"Unit({literal(field.unit)})"] if field.unit else []
     if field.lower is not None or field.upper is not None:
         ends = [field.lower, field.upper]
         more.append(f"Range({', '.join('None' if end is None else _bound(end) for end in ends)})")
-    return f"Annotated[{', '.join([field.type, *more])}]" if more else field.type
+    return Bracket("Annotated[", [field.type, *more], "]") if more else field.type
 
 
 def _bound(end: float) -> str:
     return repr(int(end)) if end == int(end) else repr(end)
 
 
-def _aliases(fields: Iterable[FieldSpec]) -> dict[str, str]:
-    """Return a name for each type that is more than a word."""
+def _aliases(fields: Iterable[FieldSpec]) -> tuple[dict[str, str], list[str]]:
+    """Return a name for each type that is more than a word, and the rows that give it this name."""
     found: dict[str, str] = {}
+    rows: list[str] = []
     for field in fields:
-        text = annotation(field)
-        if "[" in text and text not in found:
+        kind = annotation(field)
+        if isinstance(kind, Bracket) and str(kind) not in found:
             stem = ALIASES.get(field.unit, "Value")
             count = sum(alias.rstrip("0123456789") == stem for alias in found.values())
-            found[text] = f"{stem}{count + 1 if count else ''}"
-    return found
-
-
-def _alias(alias: str, text: str) -> list[str]:
-    kind, _, rest = text.partition("[")
-    parts = _parted(rest[:-1])
-    return _call(f"{alias} = {kind}", parts, "[", "]")
-
-
-def _parted(text: str) -> list[str]:
-    """Cut the inside of a type at the commas that are in no bracket and no text."""
-    parts, depth, quote = [""], 0, ""
-    escaped = False
-    for each in text:
-        if quote:
-            escaped, quote = (each == "\\" and not escaped), ("" if each == quote and not escaped else quote)
-        elif each in "'\"":
-            quote = each
-        elif each in "([":
-            depth += 1
-        elif each in ")]":
-            depth -= 1
-        if each == "," and not depth and not quote:
-            parts.append("")
-        else:
-            parts[-1] += each
-    return [part.strip() for part in parts]
+            alias = found[str(kind)] = f"{stem}{count + 1 if count else ''}"
+            rows += laid_out(kind._replace(head=f"{alias} = {kind.head}"), "")
+    return found, rows
 
 
 class Bracket(NamedTuple):

@@ -399,10 +399,10 @@ class _Meaning:
         return msgspec.structs.replace(that, value=self._value(plain, that.value, that.path))
 
     def _value(self, field: FieldSpec, value: Value, label: str) -> Value:
-        if isinstance(value, Variable):
-            return self._variable(field, value, label)
         if field.nested or field.type == "bytes":
             raise BadComposition(f"{label}: {field.name} is no single value, and cannot be composed")
+        if isinstance(value, Variable):
+            return self._variable(field, value, label)
         try:
             plain = check_argument(field, value, command=label)
         except BadArgument as error:
@@ -419,8 +419,6 @@ class _Meaning:
             raise BadComposition(
                 f"{label}: there is no parameter {name}; write `parameter {name} = VALUE` above"
             )
-        if field.nested or field.type == "bytes":
-            raise BadComposition(f"{label}: {field.name} is no single value, and cannot be composed")
         if value.plus and field.type not in {"float", "int"}:
             raise BadComposition(f"{label}: nothing can be added to ${name}, which is no number")
         before = self.fields.get(name)
@@ -449,19 +447,9 @@ def _both(before: FieldSpec | None, field: FieldSpec, name: str) -> FieldSpec:
     return msgspec.structs.replace(now, lower=lower, upper=upper)
 
 
-def _word(step: ComposedStep) -> str:  # noqa: PLR0911 # one for each step
-    match step:
-        case ComposedPart(name):
-            return f"part {name}"
-        case ComposedRepeat():
-            return "repeat"
-        case ComposedTogether():
-            return "together"
-        case ComposedBranch():
-            return "if"
-        case ComposedWait():
-            return "wait"
-        case ComposedExpectation():
-            return "expect"
-        case ComposedCall():
-            return f"{step.slot}.{step.command}"
+def _word(step: ComposedStep) -> str:
+    """Return how a step that is no call begins, as a line has it."""
+    if isinstance(step, ComposedPart):
+        return f"part {step.name}"
+    words: Mapping[type, str] = {ComposedRepeat: "repeat", ComposedTogether: "together", ComposedBranch: "if"}
+    return words.get(type(step), "wait" if isinstance(step, ComposedWait) else "expect")

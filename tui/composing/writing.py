@@ -107,13 +107,12 @@ def prepared(composition: Composition, robots: KnownRobots, origin: str) -> Prep
         OSError: no file can be written at all.
     """
     good = checked(composition, robots.kinds)
-    made = texts(good, robots.kinds, robots.shipped, origin)
     name = good.composition.name
-    files = {**made.files, f"{name}{STEPS}": written(composition)}
+    files = texts(good, robots.kinds, robots.shipped, origin) | {f"{name}{STEPS}": written(composition)}
     for slot, kind in good.composition.slots:
         if kind in robots.described:
             files[described_in(name, slot)] = _description(robots.described[kind])
-    ready = Prepared(good, files, made.lines)
+    ready = Prepared(good, files, len(files[f"{name}.py"].splitlines()))
     with tempfile.TemporaryDirectory(prefix="robotree-compose-") as folder:
         _put(files, Path(folder))
         bundle = Bundle.read(str(Path(folder) / ready.page), "")

@@ -177,7 +177,7 @@ def compositions(draw: st.DrawFn) -> Composition:
 
 def modules(good: Checked) -> Mapping[str, Any]:
     """Run the page and its test; returns the names of the test."""
-    name, files = good.composition.name, texts(good, KINDS, ROBOTS.shipped, "Drawn by a test.").files
+    name, files = good.composition.name, texts(good, KINDS, ROBOTS.shipped, "Drawn by a test.")
     page = types.ModuleType(name)
     exec(compile(files[f"{name}.py"], f"{name}.py", "exec"), vars(page))  # noqa: S102 # what is tested
     sys.modules[name] = page
