@@ -24,6 +24,8 @@ Scalar = float | int | bool | str
 SLOWEST, FASTEST = 0.1, 10.0
 """How fast a simulated world may go, in seconds of it in a second."""
 
+LONGEST_NUMBER = 18
+"""[digits]: of a whole number."""
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 _DURATION = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(ms|min|m|s|h|d)?")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
@@ -136,17 +138,46 @@ def placement(text: str) -> Placement:
     raise ValueRefused("PLACEMENT", f"{text!r} is none; it is one of: {', '.join(PLACEMENTS)}")
 
 
+def whole(what: str, text: str, least: int, most: float, refusal: str) -> int:
+    """Read a whole number without a sign.
+
+    Args:
+        what: the word for it in the usage.
+        text: as it was typed.
+        least: that there may be.
+        most: that there may be.
+        refusal: what is said behind a text that is no such number.
+
+    Raises:
+        ValueRefused: it is no such number.
+    """
+    if not (text.isdecimal() and len(text) <= LONGEST_NUMBER and least <= int(text) <= most):
+        raise ValueRefused(what, f"{text!r} {refusal}")
+    return int(text)
+
+
+def ranged(what: str, text: str, least: float, most: float, refusal: str) -> float:
+    """Read a number from `least` to `most`; the same otherwise.
+
+    Raises:
+        ValueRefused: it is no such number.
+    """
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not least <= number <= most:
+        raise ValueRefused(what, f"{text!r} {refusal}")
+    return number
+
+
 def number_of(word: str, text: str) -> int | None:
     """Read how many there may be; None: the word was not given.
 
     Raises:
         ValueRefused: it is no number above 0.
     """
-    if not text:
-        return None
-    if not (text.isdecimal() and int(text)):
-        raise ValueRefused(word, f"{text!r} is no number above 0")
-    return int(text)
+    return whole(word, text, 1, math.inf, "is no number above 0") if text else None
 
 
 def isolation(text: str) -> Isolation | Literal[""]:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from robotree.assistants.tools import field_schema
-from robotree.tui.errors import ValueRefused
+from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
 from robotree.tui.recording import foxglove_messages as messages
@@ -334,7 +334,8 @@ async def listening(server: FoxgloveServer, port: int) -> AsyncGenerator[Server]
 
 async def foxglove(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """Serve a realm to Foxglove until Ctrl-C, or for a time."""
-    port, token = _port(line.text("--port")), secrets.token_urlsafe(16)
+    token, refusal = secrets.token_urlsafe(16), "is no port; write a number from 0 (a free one) to 65535"
+    port = values.whole("PORT", line.text("--port", str(PORT)), 0, 65535, refusal)
     server = FoxgloveServer(
         realm_client, token, services=not line.flag("--look-only"), rate=rate_of(line.text("--pictures"))
     )
@@ -345,14 +346,3 @@ async def foxglove(realm_client: RealmClient, line: Line, teller: Teller) -> Out
         teller.warn("open this address in Foxglove (Open connection, Foxglove WebSocket); Ctrl-C ends it")
         await here.until(server.follow())
     return Outcome(None)
-
-
-def _port(text: str) -> int:
-    """Read a port; 0 is a free one.
-
-    Raises:
-        ValueRefused: it is none.
-    """
-    if text and (not text.isdecimal() or int(text) > 65535):  # of TCP
-        raise ValueRefused("PORT", f"{text!r} is no port; write a number from 0 (a free one) to 65535")
-    return int(text) if text else PORT

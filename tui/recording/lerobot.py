@@ -24,9 +24,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-from robotree.tui.errors import BadRecordedRealm, ValueRefused
+from robotree.tui.errors import BadRecordedRealm
+from robotree.tui.line import values
 from robotree.tui.recording import comparing
-from robotree.tui.recording.comparing import Ran
 from robotree.tui.recording.tape import RecordedPicture, RecordedState, Tape
 
 if TYPE_CHECKING:
@@ -139,14 +139,10 @@ def episodes_of(tape: Tape, fps: int) -> list[Episode]:
         if each.result == "done" and each.ended is not None:
             count = max(math.ceil((each.ended - each.began) * fps), 1) + 1
             times = tuple(tape.began + each.began + number / fps for number in range(count))
-            found.append(Episode(_task(each), times))
+            found.append(Episode(each.words, times))
     if not found:
         raise BadRecordedRealm(tape.name, "holds no command that a person asked for and that was done")
     return found
-
-
-def _task(command: Ran) -> str:
-    return command.words
 
 
 def fps_of(text: str) -> int:
@@ -155,9 +151,8 @@ def fps_of(text: str) -> int:
     Raises:
         ValueRefused: it is none.
     """
-    if text and (not text.isdecimal() or not 1 <= int(text) <= 100):  # of a camera
-        raise ValueRefused("NUMBER", f"{text!r} is no number of frames a second, from 1 to 100")
-    return int(text) if text else FPS
+    refusal = "is no number of frames a second, from 1 to 100"
+    return values.whole("NUMBER", text, 1, 100, refusal) if text else FPS
 
 
 def write(tape: Tape, folder: Path, fps: int) -> dict[str, Any]:

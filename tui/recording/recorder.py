@@ -14,7 +14,8 @@ from collections.abc import AsyncGenerator, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from robotree.tui.errors import BadRecordedRealm, ValueRefused
+from robotree.tui.errors import BadRecordedRealm
+from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.past import kept_events
 from robotree.tui.line.verbs import Outcome, Teller
@@ -78,13 +79,8 @@ def rate_of(text: str) -> float:
     Raises:
         ValueRefused: it is no such number.
     """
-    try:
-        rate = float(text or PICTURES)
-    except ValueError:
-        rate = -1.0
-    if not 0.0 <= rate <= 30.0:
-        raise ValueRefused("RATE", f"{text!r} is no number of pictures a second, from 0 (none) to 30")
-    return rate
+    refusal = "is no number of pictures a second, from 0 (none) to 30"
+    return values.ranged("RATE", text or str(PICTURES), 0.0, 30.0, refusal)
 
 
 def _created(name: str) -> BinaryIO:

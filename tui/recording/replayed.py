@@ -138,7 +138,8 @@ def _there(tape: Tape) -> Mapping[str, RobotDescription]:
 
 
 def _bound(robot: RobotDescription) -> str:
-    return f"enslaved by {slot}" if (slot := _slot(robot)) else ""
+    bond = robot.bond
+    return "" if bond is None else f"enslaved by {bond.parent.name}.{bond.slot}"
 
 
 def _shaped(tape: Tape, mine: Callable[[str], bool]) -> Iterable[_Asked]:
@@ -190,11 +191,6 @@ def _slots(tape: Tape) -> Mapping[tuple[str, str], str]:
     """Return which slot of a parent each child has filled, by the names of both."""
     bonds = ((robot.bond, robot.name) for _, robot in tape.all_of(RobotDescription))
     return {(bond.parent.name, name): bond.slot for bond, name in bonds if bond is not None}
-
-
-def _slot(robot: RobotDescription) -> str:
-    """Return the slot that a robot fills; empty: it is free."""
-    return "" if robot.bond is None else f"{robot.bond.parent.name}.{robot.bond.slot}"
 
 
 def _called(tape: Tape, others: Sequence[float]) -> Iterable[_Asked]:

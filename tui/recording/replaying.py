@@ -16,7 +16,8 @@ from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
 from robotree.tui import exit_codes
-from robotree.tui.errors import BadRecordedRealm, NeedsTerminal, ValueRefused
+from robotree.tui.errors import BadRecordedRealm, NeedsTerminal
+from robotree.tui.line import values
 from robotree.tui.line.action import spell
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
@@ -160,13 +161,9 @@ class Replay(Supervisor):
             self.player.go_to(self.player.playback.position + seconds)
         else:
             self.player.begin_at = max(self.player.playback.position + seconds, self.player.tape.began)
-            self._keep_screen()
+            if isinstance(self._driver, OutlivingDriver):
+                self._driver.stays = True  # the next screen is drawn over this one
             self.exit(AGAIN)
-
-    def _keep_screen(self) -> None:
-        """Leave the terminal as it is when this screen ends: the next one is drawn over it."""
-        if isinstance(self._driver, OutlivingDriver):
-            self._driver.stays = True
 
     def action_compare(self) -> None:
         """Show what differs from a second recording at this moment; the first time it is chosen."""
@@ -292,7 +289,9 @@ def replay(line: Line, _realm: str) -> int:
     if without := no_screen():
         raise NeedsTerminal(without)
     beside = opened(line.text("--beside")) if line.text("--beside") else None
-    player = Player(opened(line.text("FILE")), _speed(line.text("--speed")), beside)
+    refusal = f"is no speed from {SLOWEST:g} to {FASTEST:g}"
+    speed = values.ranged("SPEED", line.text("--speed", "1").removeprefix("x"), SLOWEST, FASTEST, refusal)
+    player = Player(opened(line.text("FILE")), speed, beside)
     if line.text("--from"):
         player.begin_at += within(player.tape, line.text("--from"))
     return to_the_end(_played(player), on_screen=True)
@@ -318,18 +317,3 @@ async def _shown(player: Player) -> int:
         return await supervise(realm_client, "", readonly=True, screen=partial(Replay, player))
     finally:
         await realm_client.close()
-
-
-def _speed(text: str) -> float:
-    """Read how fast a recording is played.
-
-    Raises:
-        ValueRefused: it is no such number.
-    """
-    try:
-        speed = float(text.removeprefix("x") or 1.0)
-    except ValueError:
-        speed = 0.0
-    if not SLOWEST <= speed <= FASTEST:
-        raise ValueRefused("SPEED", f"{text!r} is no speed from {SLOWEST:g} to {FASTEST:g}")
-    return speed

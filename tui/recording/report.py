@@ -8,7 +8,7 @@ from pathlib import Path
 
 from robotree.files import overwrite
 from robotree.tui.recording import summary
-from robotree.tui.recording.tape import Entry, RecordedPicture, Tape
+from robotree.tui.recording.tape import RecordedPicture, Tape
 from robotree.vr.base import readable
 
 PICTURES = 12
@@ -26,28 +26,26 @@ def write(tape: Tape, out: Path) -> tuple[Path, int]:
     if chosen:
         folder.mkdir(exist_ok=True)
     rows = list[str]()
-    for number, entry in enumerate(chosen, 1):
-        picture = entry.content
-        assert isinstance(picture, RecordedPicture)  # noqa: S101  chosen above
+    for number, (unix, picture) in enumerate(chosen, 1):
         name = f"{number:03}-{_plain(picture.view)}-{_plain(picture.camera)}.jpg"
         overwrite(folder / name, picture.jpeg)
-        where = f"{entry.unix - tape.began:.1f} s, {_cell(picture.view)}, camera {_cell(picture.camera)}"
+        where = f"{unix - tape.began:.1f} s, {_cell(picture.view)}, camera {_cell(picture.camera)}"
         rows.append(f"{where}\n\n![]({folder.name}/{name})\n")
     overwrite(out, "\n".join([head(tape), *rows]).encode())
     return folder, len(chosen)
 
 
-def pictures_of(tape: Tape) -> list[Entry]:
+def pictures_of(tape: Tape) -> list[tuple[float, RecordedPicture]]:
     """Return the pictures that a report shows: of each camera some, evenly spread over the time."""
-    cameras = dict[tuple[str, str], list[Entry]]()
+    cameras = dict[tuple[str, str], list[tuple[float, RecordedPicture]]]()
     for unix, picture in tape.all_of(RecordedPicture):
-        cameras.setdefault((picture.view, picture.camera), []).append(Entry(unix, picture))
-    chosen = list[Entry]()
+        cameras.setdefault((picture.view, picture.camera), []).append((unix, picture))
+    chosen = list[tuple[float, RecordedPicture]]()
     for taken in cameras.values():
         count = min(PICTURES, len(taken))
         positions = {round(index * (len(taken) - 1) / max(count - 1, 1)) for index in range(count)}
         chosen += [taken[position] for position in sorted(positions)]
-    return sorted(chosen, key=lambda entry: entry.unix)
+    return sorted(chosen, key=lambda each: each[0])
 
 
 def head(tape: Tape) -> str:

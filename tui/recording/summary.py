@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from robotree.tui.recording.tape import Entry, RecordedLine, RecordedPicture, RecordedState, Tape
+from robotree.tui.recording.tape import RecordedLine, RecordedPicture, RecordedState, Tape
 from robotree.tui.seen import status, wording
 from robotree.vr.base.readable import quantity
 from robotree.vr.base.requests import LoggedLine
@@ -68,7 +68,7 @@ def data(tape: Tape) -> dict[str, Any]:
         "whole": tape.whole,
         "growing": tape.growing,
         "robots": [robot._asdict() for robot in robots_of(tape)],
-        "pictures": sum(isinstance(entry.content, RecordedPicture) for entry in tape.entries),
+        "pictures": sum(1 for _ in tape.all_of(RecordedPicture)),
         "lines": len(lines_of(tape)),
     }
 
@@ -76,19 +76,15 @@ def data(tape: Tape) -> dict[str, Any]:
 def at(tape: Tape, seconds: float) -> str:
     """Return how each robot was, some seconds after the beginning."""
     latest = dict[str, RecordedState]()
-    for entry in _until(tape, tape.began + seconds):
-        if isinstance(entry.content, RecordedState):
-            latest[entry.content.name] = entry.content
+    for unix, recorded in tape.all_of(RecordedState):
+        if unix <= tape.began + seconds:
+            latest[recorded.name] = recorded
     units = {robot.name: robot.units for robot in robots_of(tape)}
     rows = list[tuple[str, str, str]]()
     for name, (_, state) in sorted(latest.items()):
         readings = (_reading(key, value, units[name]) for key, value in sorted(state.readings.items()))
         rows.append((name, status.words(state), "  ".join(readings)))
     return wording.columns(rows)
-
-
-def _until(tape: Tape, unix: float) -> Sequence[Entry]:
-    return [entry for entry in tape.entries if entry.unix <= unix]
 
 
 def _reading(key: str, value: float, units: dict[str, str]) -> str:

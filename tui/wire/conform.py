@@ -13,6 +13,7 @@ from robotree.protocol.tools.conform import KINDS, RULES, Level, Outcome, Result
 from robotree.protocol.tools.conform.trial import Spoken
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
+from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.terminal import note, put
 from robotree.tui.wire.security import securing
@@ -22,15 +23,15 @@ WORDS = {Outcome.KEPT: "ok", Outcome.BROKEN: "BROKEN", Outcome.NOT_TRIED: "-"}
 
 def conform(line: Line, _realm: str) -> int:
     """Try the rules, and print a line for each."""
-    kind, component = line.text("--kind"), line.text("--component", "1")
+    kind = line.text("--kind")
     if kind and kind not in KINDS:
         raise ValueRefused("KIND", f"{kind!r} is no kind that can be moved here; there is {', '.join(KINDS)}")
-    if not component.isdecimal() or not 0 < int(component) < 256:
-        raise ValueRefused("COMPONENT", f"{component!r} is no component; write a number from 1 to 255")
+    refusal = "is no component; write a number from 1 to 255"
+    component = values.whole("COMPONENT", line.text("--component", "1"), 1, 255, refusal)
     unknown = [each for each in line.many("RULE") if each not in RULES]
     if unknown:
         raise ValueRefused("RULE", f"{unknown[0]!r} is no rule; there is {', '.join(RULES)}")
-    return asyncio.run(_conform(line, kind, (1, int(component))))
+    return asyncio.run(_conform(line, kind, (1, component)))
 
 
 async def _conform(line: Line, kind: str, controller: tuple[int, int]) -> int:

@@ -31,7 +31,7 @@ def decode(line: Line, _realm: str) -> int:
         if lines := [write(one) for one in batch]:
             put("\n".join(lines))
     statistics = file.statistics
-    put(_statistics_json(statistics) if as_json else summary(statistics))
+    put(msgspec.json.encode({"statistics": statistics}).decode() if as_json else summary(statistics))
     if not statistics.frames:
         raise NoFrame(file.name, statistics.strange)
     return exit_codes.DONE
@@ -40,10 +40,6 @@ def decode(line: Line, _realm: str) -> int:
 def to_json(one: Decoded) -> str:
     """One frame as an object; NaN and infinity are null, since JSON has neither."""
     return msgspec.json.encode(one.plain()).decode()
-
-
-def _statistics_json(statistics: DecoderStatistics) -> str:
-    return msgspec.json.encode({"statistics": statistics}).decode()
 
 
 def to_text(one: Decoded) -> str:

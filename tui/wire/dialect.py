@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from robotree.protocol.dialect import languages
 from robotree.protocol.dialect.compile import DIALECT
 from robotree.protocol.dialect.errors import TargetTaken, writing
 from robotree.tui import exit_codes
-from robotree.tui.errors import ValueRefused
+from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
-from robotree.tui.terminal import answer, note, put, put_data
+from robotree.tui.terminal import answer, note, put_data
 
 
 def dialect(line: Line, _realm: str) -> int:
@@ -20,21 +19,16 @@ def dialect(line: Line, _realm: str) -> int:
     written = languages.write(
         line.text("--lang"), Path(line.text("OUT")), dialect, base=line.text("--include")
     )
-    if line.flag("--json"):
-        put(json.dumps({"files": [str(path) for path in written]}))
-    else:
-        put(f"{line.text('OUT')}: {len(written)} file{'s' * (len(written) != 1)}")
+    text = f"{line.text('OUT')}: {len(written)} file{'s' * (len(written) != 1)}"
+    answer(text, lambda: {"files": [str(path) for path in written]})
     return exit_codes.DONE
 
 
 def dissector(line: Line, _realm: str) -> int:
     """Write the dissector to the file, or to standard output."""
-    port = line.text("--port")
-    if port and not (port.isdecimal() and 0 < int(port) <= 0xFFFF):
-        raise ValueRefused("PORT", f"{port!r} is no port; write a number up to 65535")
-    text = languages.dissector(
-        [int(port)] if port else [], Path(line.text("--xml")) if line.text("--xml") else DIALECT
-    )
+    port, refusal = line.text("--port"), "is no port; write a number up to 65535"
+    ports = [values.whole("PORT", port, 1, 65535, refusal)] if port else []
+    text = languages.dissector(ports, Path(line.text("--xml")) if line.text("--xml") else DIALECT)
     if not line.text("FILE"):
         answer(text.removesuffix("\n"), lambda: {"lua": text})
         return exit_codes.DONE

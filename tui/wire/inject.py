@@ -58,10 +58,8 @@ def inject(line: Line, _realm: str) -> int:
     settings = {
         name: read(line.text(f"--{name}")) for name, read in ACCIDENTS.items() if line.text(f"--{name}")
     }
-    seed = line.text("--seed", "0")
-    if not seed.isdecimal():
-        raise ValueRefused("NUMBER", f"{seed!r} is no seed; write a whole number")
-    return asyncio.run(_relay(line, Faults(**settings, seed=int(seed))))
+    seed = values.whole("NUMBER", line.text("--seed", "0"), 0, math.inf, "is no seed; write a whole number")
+    return asyncio.run(_relay(line, Faults(**settings, seed=seed)))
 
 
 async def _relay(line: Line, faults: Faults) -> int:

@@ -6,11 +6,8 @@ For `--key FILE`, and for programs that have no such file: MAVProxy, QGroundCont
 from __future__ import annotations
 
 import getpass
-import json
 import sys
 from pathlib import Path
-
-import msgspec
 
 from robotree.protocol.links.keyring import Keyring, create
 from robotree.protocol.links.names import names
@@ -19,7 +16,7 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.realm import chosen
-from robotree.tui.terminal import put
+from robotree.tui.terminal import answer
 from robotree.tui.wire.security import key_file
 
 ALL = "*"
@@ -32,10 +29,8 @@ def key(line: Line, _realm: str) -> int:
     path, pattern = Path(line.text("FILE")), line.text("--links", ALL)
     create(path, pattern, passphrase() if line.flag("--passphrase") else None)
     ((links, key),) = Keyring(path).keys
-    if line.flag("--json"):
-        put(json.dumps({"file": str(path), "links": links, "fingerprint": key.fingerprint}))
-    else:
-        put(f"{path}: a key for links {links}, fingerprint {key.fingerprint}; keep the file to yourself")
+    text = f"{path}: a key for links {links}, fingerprint {key.fingerprint}; keep the file to yourself"
+    answer(text, lambda: {"file": str(path), "links": links, "fingerprint": key.fingerprint})
     return exit_codes.DONE
 
 
@@ -46,11 +41,8 @@ def show(line: Line, controller: str) -> int:
         raise ValueRefused("FILE", "there is no key in `none`; name a key file, or `realm`")
     if controller.partition(":")[0] in SCHEMES:
         controller = (names(controller) or [controller])[0]
-    facts = Keyring(file).told(controller)
-    if line.flag("--json"):
-        put(msgspec.json.encode({"controller": controller, **facts}).decode())
-    else:
-        put("\n".join(f"{name:<11} {value}" for name, value in {"controller": controller, **facts}.items()))
+    facts = {"controller": controller, **Keyring(file).told(controller)}
+    answer("\n".join(f"{name:<11} {value}" for name, value in facts.items()), lambda: facts)
     return exit_codes.DONE
 
 

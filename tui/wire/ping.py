@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Collection, Hashable
 from typing import Protocol
 
@@ -95,9 +96,8 @@ def ping(line: Line, _realm: str) -> int:
     by, count = line.text("--by", "ping"), line.text("--count", str(COUNT))
     if by not in SERVICES:
         raise ValueRefused("SERVICE", f"{by!r} is no service; there is {' and '.join(SERVICES)}")
-    if not count.isdecimal() or not int(count):
-        raise ValueRefused("COUNT", f"{count!r} is no count; write a number above 0")
-    return asyncio.run(_ping(line, SERVICES[by](), int(count)))
+    number = values.whole("COUNT", count, 1, math.inf, "is no count; write a number above 0")
+    return asyncio.run(_ping(line, SERVICES[by](), number))
 
 
 async def _ping(line: Line, asker: Asker, count: int) -> int:

@@ -119,24 +119,17 @@ def _make_key(folder: Path) -> Path:
     path, draft = folder / REALM_KEY, folder / f".{secrets.token_hex(8)}.key"
     create(draft)
     try:
-        _name_once(draft, path)
-    except OSError as error:
-        raise KeyFileError(path, f"cannot be made: {error.strerror}") from error
+        os.link(draft, path)  # at once, so that nobody finds half of it
+    except FileExistsError:
+        pass  # somebody else was quicker
+    except OSError:  # a file system without hard links: of those who come at one moment the last one wins
+        try:
+            draft.replace(path)
+        except OSError as error:
+            raise KeyFileError(path, f"cannot be made: {error.strerror}") from error
     finally:
         draft.unlink(missing_ok=True)
     return path
-
-
-def _name_once(draft: Path, path: Path) -> None:
-    """Give a file its name at once, so that nobody finds half of it, unless somebody else was quicker."""
-    try:
-        os.link(draft, path)
-    except FileExistsError:
-        pass
-    except (
-        OSError
-    ):  # a file system without hard links: of those who come at the same moment the last one wins
-        draft.replace(path)
 
 
 def openness(url: str) -> str:
