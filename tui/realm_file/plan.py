@@ -31,6 +31,7 @@ from robotree.vr.base.errors import BadArgument
 from robotree.vr.base.written import Word, suggestion
 
 if TYPE_CHECKING:
+    from robotree.tui.errors import BadRealmFile
     from robotree.vr.base.description import RobotDescription
 
 Sign = Literal["+", "~", "-"]
@@ -229,13 +230,11 @@ class _Planner:
             given = process.line.text("KIND") if key == KIND else process.line.values.get(f"--{key}", "")
             said = entry.text(key)
             now = "" if given is True else str(given)
-            same = (given is True) if not said else said == now or self._same_path(said, process, now)
+            path = str(process.path(now)) if now else ""
+            same = given is True if not said else said == now or placed(said, self._wanted.folder) == path
             if not same:
                 runs = f"{entry.id} runs with {key} {now or 'unset'}, and the file says {said or 'yes'}"
                 yield _again(runs, f"end process {process.program.pid}")
-
-    def _same_path(self, said: str, process: Process, now: str) -> bool:
-        return bool(now) and placed(said, self._wanted.folder) == str(process.path(now))
 
     # -- robots ------------------------------------------------------------------------------------
 
@@ -310,7 +309,8 @@ class _Planner:
             coming = self._coming_back(entry.name, slot) if robot else set[str]()
             there = {child for _, child in held} | coming
             if missing := [word for name, word in wanted.items() if name not in there]:
-                in_the_way = not _grouped(robot, slot) and held and not released
+                several = robot is not None and any(one.group == slot for one in robot.slots)
+                in_the_way = not several and held and not released
                 available = [self._available(word) for word in missing]
                 if not in_the_way and all(available):
                     self._bind(entry, slot, missing, released)
@@ -335,9 +335,7 @@ class _Planner:
             if before == watched.text:
                 continue
             if watched.text not in {*self._names, *self._there.robots}:
-                hint = suggestion(watched.text, {*self._names, *self._there.robots})
-                where = f"in the file or in realm {self._there.realm!r}"
-                raise self._wanted.error(watched.mark, f"no robot {where} is called {watched.text!r}{hint}")
+                raise self._nobody(watched)
             needs = {entry.id, f"proxy {watched.text}", f"robot {watched.text}"}
             if before:
                 self._verb("-", f"release {place}", Line("release", {"PARENT.SLOT": place}))
@@ -346,11 +344,8 @@ class _Planner:
             self._verb("+", place, line, needs, self._keeper(entry.name) or self._keeper(watched.text))
         for slot, before in held.items():
             if slot not in entry.watches and self._prune:
-                self._verb(
-                    "-",
-                    f"release {entry.name}.{slot}",
-                    Line("release", {"PARENT.SLOT": f"{entry.name}.{slot}"}),
-                )
+                place = f"{entry.name}.{slot}"
+                self._verb("-", f"release {place}", Line("release", {"PARENT.SLOT": place}))
             elif slot not in entry.watches:
                 self._left.append(f"{before} in {entry.name}.{slot} is not in the file")
 
@@ -381,15 +376,17 @@ class _Planner:
             found.append(name)
         return found
 
+    def _nobody(self, robot: Word) -> BadRealmFile:
+        hint = suggestion(robot.text, {*self._names, *self._there.robots})
+        where = f"in the file or in realm {self._there.realm!r}"
+        return self._wanted.error(robot.mark, f"no robot {where} is called {robot.text!r}{hint}")
+
     def _available(self, child: Word) -> bool:
         """Whether a child can be bound; another parent lets it go, if the file says what that has."""
         robot = self._there.robots.get(child.text)
         if robot is None:
             if child.text not in self._names:
-                known = {*self._names, *self._there.robots}
-                hint = suggestion(child.text, known)
-                where = f"in the file or in realm {self._there.realm!r}"
-                raise self._wanted.error(child.mark, f"no robot {where} is called {child.text!r}{hint}")
+                raise self._nobody(child)
             return child.text not in self._there.silent
         if robot.bond is None or child.text in self._free:
             return True
@@ -444,11 +441,6 @@ def _bound(robot: RobotDescription) -> dict[str, list[tuple[str, str]]]:
             for name in {slot.name, slot.group} - {""}:
                 found.setdefault(name, []).append((slot.name, slot.child.name))
     return found
-
-
-def _grouped(robot: RobotDescription | None, slot: str) -> bool:
-    """Whether a slot of a robot that runs takes several children."""
-    return robot is not None and any(one.group == slot for one in robot.slots)
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -33,7 +33,7 @@ from robotree.tui.realm_file.present import Present, present
 from robotree.tui.realm_file.reading import Kinds, read_file
 from robotree.tui.realm_file.saving import saved
 from robotree.tui.realm_file.writing import write_file
-from robotree.tui.terminal import answer, aside, complain, note
+from robotree.tui.terminal import answer, aside, complain, note, typed
 from robotree.vr.base.address import ROLES
 
 LARGEST = 1_000_000
@@ -80,12 +80,10 @@ async def save(line: Line, realm: str) -> int:
     if not line.flag("--force") and await asyncio.to_thread(path.is_file):
         raise ValueRefused("FILE", f"{path} is there already; give another name, or --force to replace it")
     if not anybody_met(realm):
-        complain(nothing_to_ask(realm))
-        return exit_codes.NOBODY
+        raise nothing_to_ask(realm)
     async with joined(realm) as realm_client:
         if not any(realm_client.directory.present(role) for role in ROLES):
-            complain(nothing_to_ask(realm))
-            return exit_codes.NOBODY
+            raise nothing_to_ask(realm)
         there = await present(realm_client, controllers(realm))
     found, notes = await asyncio.to_thread(saved, there, path)
     comment = (
@@ -164,13 +162,7 @@ async def _confirm(found: Plan) -> None:
     if not sys.stdin.isatty():
         raise ValueRefused("--prune", "give --yes, too, where nobody can be asked; nothing was ended")
     note(f"this ends what is marked with -: {len(ending)}. Type yes to go on:")
-    loop, typed = asyncio.get_running_loop(), asyncio.Event()
-    loop.add_reader(sys.stdin.fileno(), typed.set)
-    try:
-        await typed.wait()
-    finally:
-        loop.remove_reader(sys.stdin.fileno())
-    if os.read(sys.stdin.fileno(), 64).strip() != b"yes":
+    if (await typed()).strip() != b"yes":
         raise ValueRefused("--prune", "nothing was ended")
 
 

@@ -53,6 +53,7 @@ COMPARISONS: Mapping[str, Callable[[Any, Any], bool]] = {
     "<": operator.lt,
     "<=": operator.le,
     "=": near,
+    "==": near,
     "!=": lambda one, other: not near(one, other),
 }
 
@@ -238,7 +239,7 @@ def _of_group(found: re.Match[str]) -> Condition:
 @_form(rf"reading\s+{_NAME}\.([\w.-]+?){_COMPARED}")
 def _reading(found: re.Match[str]) -> Condition:
     name, reading, sign, text = found.groups()
-    compare = _comparison(sign)
+    compare = COMPARISONS[sign]
     wanted = values.scalar(text.strip())
     if isinstance(wanted, str | bool):
         raise ValueRefused("expect", f"a reading is compared with a number, not with {text!r}")
@@ -258,7 +259,7 @@ def _reading(found: re.Match[str]) -> Condition:
 @_form(rf"result((?:\.\w+|\[\d+])*){_COMPARED}")
 def _result(found: re.Match[str]) -> Condition:
     path, sign, text = found.groups()
-    compare, wanted = _comparison(sign), values.scalar(text.strip())
+    compare, wanted = COMPARISONS[sign], values.scalar(text.strip())
 
     def judge(scene: Scene) -> Verdict:
         thing = inside(scene.result, re.findall(r"\w+", path))
@@ -288,10 +289,6 @@ def _done(found: re.Match[str]) -> Condition:
     return Condition(
         found[0], lambda scene: Verdict(not scene.refusal, scene.refusal or "done"), settled=True
     )
-
-
-def _comparison(sign: str) -> Callable[[Any, Any], bool]:
-    return COMPARISONS["=" if sign == "==" else sign]
 
 
 def inside(thing: Any, path: Sequence[str]) -> Any:

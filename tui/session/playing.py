@@ -80,12 +80,8 @@ class Player:
             tell: hears of each step when it is over.
             teller: hears of each verb while it goes on.
         """
-        self.realm_client, self.script, self.tell, self.teller = (
-            realm_client,
-            script,
-            tell,
-            teller or Silent(),
-        )
+        self.realm_client, self.script = realm_client, script
+        self.tell, self.teller = tell, teller or Silent()
         self.result: Any = None
         self.refusal = ""
         self._values: dict[str, str] = {}
@@ -98,22 +94,15 @@ class Player:
         self._heard: dict[str, Mapping[str, float]] = {}
         self._listening: list[Registration] = []
 
-    async def play(self) -> Report:
-        """Play until the end or until a step does not hold: the trials one after the other."""
-        began = time.monotonic()
-        for position, trial in enumerate(self.script.trials):
+    async def play(self, *trials: Trial) -> Report:
+        """Play until the end or until a step does not hold: these trials, or all, one after the other."""
+        began, trials = time.monotonic(), trials or self.script.trials
+        for position, trial in enumerate(trials):
             if not await self.play_trial(trial):
-                self._left += [
-                    step.text for each in self.script.trials[position + 1 :] for step in flat(each.nodes)
-                ]
+                self._left += [step.text for each in trials[position + 1 :] for step in flat(each.nodes)]
                 break
-        return self._report(began)
-
-    async def play_alone(self, trial: Trial) -> Report:
-        """Play one trial of the script."""
-        began = time.monotonic()
-        await self.play_trial(trial)
-        return self._report(began)
+        wall = time.monotonic() - began
+        return Report(script=self.script.path, told=tuple(self._told), wall_s=wall, left=tuple(self._left))
 
     async def play_trial(self, trial: Trial) -> bool:
         """Play one trial to its end, or to a step that does not hold; returns whether all held."""
@@ -132,10 +121,6 @@ class Player:
                 await listening.close()
             self._listening.clear()
             self._heard.clear()
-
-    def _report(self, began: float) -> Report:
-        wall = time.monotonic() - began
-        return Report(script=self.script.path, told=tuple(self._told), wall_s=wall, left=tuple(self._left))
 
     async def _nodes(self, nodes: Sequence[Node]) -> bool:
         """Play lines until one does not hold; returns whether all held."""
@@ -203,7 +188,8 @@ class Player:
         deed = step.deed
         if isinstance(deed, Later):
             try:
-                deed = self._deed_of(deed)
+                words = tuple(filled(word, self._values) for word in deed.words)
+                deed = deed_of(Surface(Where.SCRIPT, self.script.readonly), words, deed.text)
             except (SupervisorError, BadName) as error:
                 return Verdict(holds=False, seen=str(error)), None
         match deed:
@@ -216,10 +202,6 @@ class Player:
                 return await self._let(let), None
             case Do(line, may_fail):
                 return await self._do(line, may_fail=may_fail)
-
-    def _deed_of(self, later: Later) -> Do | Expect | Sleep:
-        words = tuple(filled(word, self._values) for word in later.words)
-        return deed_of(Surface(Where.SCRIPT, self.script.readonly), words, later.text)
 
     async def _let(self, let: Let) -> Verdict:
         """Measure something, and keep it under its name."""
@@ -394,10 +376,10 @@ async def play(line: Line, realm: str) -> int:
             report = await Player(realm_client, script, tell, console).play()
     except Exception as error:
         if junit_file:
-            _write(junit_file, junit.of_error(path, error))
+            write_report(junit_file, junit.of_error(path, error))
         raise
     if junit_file:
-        _write(junit_file, junit.of_report(report))
+        write_report(junit_file, junit.of_report(report))
     if as_json:
         put(json.dumps(report.structure(), ensure_ascii=False))
     else:
@@ -405,7 +387,12 @@ async def play(line: Line, realm: str) -> int:
     return exit_codes.DONE if report.ok else exit_codes.REFUSED
 
 
-def _write(path: str, report: bytes) -> None:
+def write_report(path: str, report: bytes) -> None:
+    """Write what a build service reads.
+
+    Raises:
+        SessionError: it cannot be written.
+    """
     try:
         overwrite(Path(path), report)
     except OSError as error:

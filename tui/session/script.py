@@ -362,10 +362,8 @@ MOST_ROUNDS = 100_000
 
 
 def _rounds(words: Sequence[str]) -> int:
-    text = " ".join(words)
-    if not text.isdecimal() or not 1 <= int(text) <= MOST_ROUNDS:
-        raise ValueRefused("repeat", f"{text!r} is no number of rounds, from 1 to {MOST_ROUNDS}")
-    return int(text)
+    refusal = f"is no number of rounds, from 1 to {MOST_ROUNDS}"
+    return values.whole("repeat", " ".join(words), 1, MOST_ROUNDS, refusal)
 
 
 def names_in(word: str) -> set[str]:

@@ -19,12 +19,11 @@ from collections.abc import Callable, Coroutine, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from robotree.files import overwrite
-from robotree.tui.errors import BadScript, SessionError, ValueRefused
+from robotree.tui.errors import BadScript, ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.realm import only_looking
 from robotree.tui.session import junit
-from robotree.tui.session.playing import Player, read_file
+from robotree.tui.session.playing import Player, read_file, write_report
 from robotree.tui.session.script import PlayedStep, Report, Script, Trial, transcript
 from robotree.tui.terminal import aside, put
 
@@ -191,17 +190,13 @@ def test(line: Line, realm: str) -> int | Coroutine[Any, Any, int]:
     chosen = [each for each in every if fits(each.label)]
     if errors:
         if junit_file := line.text("--junit"):
-            _write(junit_file, junit.of_error(errors[0].path, errors[0]))
-        mistakes = [mistake for error in errors for mistake in _placed(error)]
+            write_report(junit_file, junit.of_error(errors[0].path, errors[0]))
+        mistakes = [mistake for error in errors for mistake in str(error).splitlines()]
         raise BadScripts(mistakes)
     session = Suite(line, chosen, len(every) - len(chosen))
     if line.flag("--collect-only") or not chosen:
         return session.listed()
     return session.play(realm)
-
-
-def _placed(error: BadScript) -> list[str]:
-    return str(error).splitlines()
 
 
 class BadScripts(BadScript):
@@ -247,7 +242,7 @@ class Suite:
             for each in self._chosen:
                 steps, began = list[PlayedStep](), time.monotonic()
                 try:
-                    report = await Player(realm_client, each.script, steps.append).play_alone(each.trial)
+                    report = await Player(realm_client, each.script, steps.append).play(each.trial)
                     self._take(Tried(each, report))
                 except asyncio.CancelledError:  # Ctrl-C: what was played is told, as pytest does
                     report = Report(script=each.path, told=tuple(steps), wall_s=time.monotonic() - began)
@@ -300,11 +295,4 @@ class Suite:
     def _report(self) -> None:
         if junit_file := self._line.text("--junit"):
             cases = [each.case for each in self._tried]
-            _write(junit_file, junit.written("robotree", time.monotonic() - self._began, cases))
-
-
-def _write(path: str, report: bytes) -> None:
-    try:
-        overwrite(Path(path), report)
-    except OSError as error:
-        raise SessionError(f"cannot write the report {path}: {error.strerror}") from None
+            write_report(junit_file, junit.written("robotree", time.monotonic() - self._began, cases))

@@ -11,9 +11,8 @@ from typing import Any
 from robotree.files import replace
 from robotree.files.opening import text as text_of
 from robotree.tui import exit_codes
-from robotree.tui.errors import NoPlaceForState
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.state_files import state_file
+from robotree.tui.processes.state_files import needed_file
 from robotree.tui.terminal import answer
 from robotree.vr.base.errors import Denied, PolicyUnusable
 from robotree.vr.base.policy import BY_NAME, LONGEST, REALM, Policy, PolicyTarget, fits
@@ -146,9 +145,7 @@ def set_(line: Line, realm: str) -> int:
     if not policy.may(me, "administrate", PolicyTarget("", REALM)).allowed:
         reason = f"with it {me.name} could not set another one; give yourself administrate"
         raise PolicyUnusable(path=path, reason=reason)
-    place = state_file(realm, POLICY)
-    if place is None:
-        raise NoPlaceForState
+    place = needed_file(realm, POLICY)
     text = policy.text if policy.text.endswith("\n") else f"{policy.text}\n"
     data = _signed(place.parent, text).encode()
     replace(place, data, 0o600)

@@ -4,33 +4,22 @@ from __future__ import annotations
 
 import socket
 import time
-from pathlib import Path
 from typing import Any
 
 from robotree.tui import exit_codes
-from robotree.tui.errors import NoPlaceForState, ValueRefused
+from robotree.tui.errors import ValueRefused
+from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.state_files import KEYS, state_file
+from robotree.tui.processes.state_files import KEYS, needed_file
 from robotree.tui.sites.policies import expect_to_administrate
 from robotree.tui.terminal import answer
 from robotree.vr.network.realms import state_home
-from robotree.vr.sites.certificates import DAY, MemberKind, fingerprint
+from robotree.vr.sites.certificates import DAY, Certificate, MemberKind, fingerprint
 from robotree.vr.sites.hub import hub_of
 from robotree.vr.sites.invitations import Hub, read_token, token_of
 from robotree.vr.sites.joining import ask_authority
-from robotree.vr.sites.keys import DAYS, RealmKeys, create
-
-
-def keys_folder(realm: str) -> Path:
-    """Return the folder for the keys of a realm; the one above it is there then.
-
-    Raises:
-        NoPlaceForState: it cannot be made.
-    """
-    found = state_file(realm, KEYS)
-    if found is None:
-        raise NoPlaceForState
-    return found
+from robotree.vr.sites.keys import DAYS, Member, RealmKeys, create
+from robotree.vr.sites.known import KnownSite
 
 
 def keys_of(realm: str) -> RealmKeys:
@@ -46,7 +35,7 @@ def create_keys(line: Line, _realm: str) -> int:
     """Make a realm of several machines."""
     realm, hubs = line.text("NAME"), _hubs(line.text("--hub"))
     name = line.text("--site") or socket.gethostname().partition(".")[0]
-    made = create(keys_folder(realm), realm, name, hubs, now=time.time())
+    made = create(needed_file(realm, KEYS), realm, name, hubs, now=time.time())
     text = (
         f"realm {realm} is made, with this machine as site {name}; its authority, "
         f"{fingerprint(made.trust.authority)}, is in {made.folder}: keep a copy of it in a safe place"
@@ -76,7 +65,7 @@ def join_by_token(line: Line, _realm: str) -> int:
     """Join a realm by a token."""
     now = time.time()
     invitation = read_token(line.text("TOKEN"), now)
-    keys = ask_authority(keys_folder(invitation.realm), invitation, now=now)
+    keys = ask_authority(needed_file(invitation.realm, KEYS), invitation, now=now)
     answer(
         f"this machine is {keys.kind} {keys.name} of realm {keys.realm} now; "
         f"`robotree --realm {keys.realm} gateway` links it to the other sites",
@@ -88,27 +77,15 @@ def join_by_token(line: Line, _realm: str) -> int:
 def members(_line: Line, realm: str) -> int:
     """List the members of a realm."""
     keys, now = keys_of(realm), time.time()
-    rows: list[dict[str, Any]] = []
+
+    def about(one: Member | Certificate | KnownSite, *, revoked: bool = False) -> dict[str, Any]:
+        lasting = {"name": one.name, "kind": one.kind, "serial": one.serial, "ends": one.ends}
+        return {**lasting, "revoked": revoked}
+
     if keys.is_authority:
-        rows = [
-            {
-                "name": one.name,
-                "kind": one.kind,
-                "serial": one.serial,
-                "ends": one.ends,
-                "revoked": one.revoked,
-            }
-            for one in keys.members()
-        ]
+        rows = [about(one, revoked=one.revoked) for one in keys.members()]
     else:
-        rows = [
-            {"name": one.name, "kind": one.kind, "serial": one.serial, "ends": one.ends, "revoked": False}
-            for one in keys.sites()
-        ]
-        own = keys.certificate(now)
-        rows.insert(
-            0, {"name": own.name, "kind": own.kind, "serial": own.serial, "ends": own.ends, "revoked": False}
-        )
+        rows = [about(keys.certificate(now)), *map(about, keys.sites())]
 
     def text(row: dict[str, Any]) -> str:
         left = (row["ends"] - now) / DAY
@@ -180,10 +157,4 @@ def _kind(text: str) -> MemberKind:
 
 def _days(line: Line) -> float:
     text = line.text("--days", f"{DAYS:g}")
-    try:
-        days = float(text)
-    except ValueError:
-        days = 0.0
-    if not 0 < days <= 3650:
-        raise ValueRefused("N", f"{text!r} is no number of days from 1 to 3650")
-    return days
+    return values.ranged("N", text, 1e-6, 3650, "is no number of days from 1 to 3650")

@@ -9,9 +9,9 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 from robotree.tui import exit_codes
-from robotree.tui.errors import NoPlaceForState, ValueRefused
+from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.state_files import state_file
+from robotree.tui.processes.state_files import needed_file
 from robotree.tui.sites.realms import keys_of
 from robotree.tui.terminal import answer
 from robotree.vr.base.errors import VrError
@@ -106,7 +106,4 @@ def _listening(line: Line) -> tuple[HubAddress, HubCertificate | None]:
         raise ValueRefused("ADDRESS", str(error)) from None
     if address.scheme == "tcp":
         return address, None
-    folder = state_file(HUBS, "tls")
-    if folder is None:
-        raise NoPlaceForState
-    return address, certificate_in(folder, dt.datetime.now(dt.UTC))
+    return address, certificate_in(needed_file(HUBS, "tls"), dt.datetime.now(dt.UTC))

@@ -5,13 +5,12 @@ from __future__ import annotations
 import grp
 import os
 import pwd
-from pathlib import Path
 
 from robotree.files import replace
 from robotree.tui import exit_codes
-from robotree.tui.errors import NoPlaceForState, ValueRefused
+from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.state_files import state_file
+from robotree.tui.processes.state_files import needed_file
 from robotree.tui.terminal import answer
 from robotree.vr.base.address import check_name
 from robotree.vr.base.errors import RealmUnusable
@@ -67,16 +66,16 @@ def _share(realm: str, group: str) -> int:
     check_name(realm)
     shared = SharedRealm(shares_of(os.geteuid()) / realm, os.geteuid())
     _expect_empty(realm)
-    place = _kept(realm, POLICY)
+    place = needed_file(realm, POLICY)
     if not place.exists():
         text = FIRST_POLICY.format(realm=realm, user=user_name(os.geteuid()), group=group)
         replace(place, text.encode(), 0o600)
-    replace(_kept(realm, GROUP), f"{number}\n".encode())
+    replace(needed_file(realm, GROUP), f"{number}\n".encode())
     try:
         shared.prepare(number)
     except OSError as error:
         raise RealmUnusable(realm=realm, reason=f"{error}") from None
-    replace(_kept(realm, SHARED_BY), f"{os.geteuid()}\n".encode())
+    replace(needed_file(realm, SHARED_BY), f"{os.geteuid()}\n".encode())
     me = user_name(os.geteuid())
     answer(
         f"realm {realm} is shared with the group {group}, in {shared.directory}; the others say once\n"
@@ -111,7 +110,7 @@ def _meet(words: str) -> int:
     except OSError as error:
         raise RealmUnusable(realm=realm, reason=f"{error}; {ask}") from None
     _expect_empty(realm)
-    replace(_kept(realm, SHARED_BY), f"{owner}\n".encode())
+    replace(needed_file(realm, SHARED_BY), f"{owner}\n".encode())
     answer(
         f"--realm {realm} is that of {user} now, in {shared.directory}: your robots there keep to the policy "
         f"of {user}; `robotree policy show --realm {realm}` prints it",
@@ -129,13 +128,6 @@ def _expect_empty(realm: str) -> None:
     own = runtime_directory() / realm
     if inhabited(own):
         raise RealmUnusable(realm=realm, reason=f"processes are in {own}; end them first, they stay there")
-
-
-def _kept(realm: str, name: str) -> Path:
-    place = state_file(realm, name)
-    if place is None:
-        raise NoPlaceForState
-    return place
 
 
 def _number_of(group: str) -> int:

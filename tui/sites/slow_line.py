@@ -33,7 +33,6 @@ class SlowLine:
         delay: float = 0.0,
         rate: float = 0.0,
         loss: float = 0.0,
-        seed: int = 1,
     ) -> None:
         """Prepare.
 
@@ -43,12 +42,11 @@ class SlowLine:
             delay: [s] one way.
             rate: [bit/s] of each direction; 0: any.
             loss: share of segments that are lost, 0 to 1.
-            seed: of what is lost.
         """
         self.delay, self.rate, self.loss = delay, rate, loss
         self.carried = 0
         """[bytes] in both directions."""
-        self._target, self._chance = (host, port), random.Random(seed)
+        self._target, self._chance = (host, port), random.Random(1)
         self._whole = asyncio.Event()
         self._whole.set()
         self._server: asyncio.Server | None = None
@@ -64,11 +62,6 @@ class SlowLine:
         """
         self._server = await asyncio.start_server(self._take, host, port, limit=CHUNK)
         return int(self._server.sockets[0].getsockname()[1])
-
-    @property
-    def is_cut(self) -> bool:
-        """Whether nothing is carried."""
-        return not self._whole.is_set()
 
     def cut(self) -> None:
         """Carry nothing from now on. Connections stay, as with a pulled cable."""
