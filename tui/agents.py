@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from robotree.tui import exit_codes
-from robotree.tui.errors import NoPlaceForState, ValueRefused
+from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.serving import serve
@@ -24,8 +24,8 @@ from robotree.tui.processes.state_files import (
     history_folder,
     journal_folder,
     kept_by_one,
+    needed_file,
     site_of,
-    state_file,
 )
 from robotree.tui.terminal import note
 from robotree.tui.wire.security import openness, securing
@@ -135,9 +135,7 @@ async def proxy(line: Line, realm: str, ready: Ready) -> None:
 
 def _component(text: str) -> int:
     """A MAVLink component id, 1 to 255."""
-    if not text.isdecimal() or not 1 <= int(text) <= 255:
-        raise ValueRefused("N", f"{text!r} is no component; write a number from 1 to 255")
-    return int(text)
+    return values.whole("N", text, 1, 255, "is no component; write a number from 1 to 255")
 
 
 def _cameras(text: str) -> dict[str, int]:
@@ -233,11 +231,8 @@ async def directory(line: Line, realm: str, ready: Ready) -> None:
     """Be a lookup service with a memory."""
     from robotree.vr.orders.run import run_directory
 
-    name = line.text("NAME")
+    name, url = line.text("NAME"), _database(line, "--store")
     folder = directory_folder(realm, name)
-    if folder is None:
-        raise NoPlaceForState
-    url = _database(line, "--store")
     await run_directory(name, folder, realm=realm, site=site_of(realm), database=url, ready=ready)
 
 
@@ -249,9 +244,7 @@ async def space(line: Line, realm: str, ready: Ready) -> None:
     name, durability = line.text("NAME"), line.text("--durability", "process")
     if durability not in {"process", "power"}:
         raise ValueRefused("CLASS", f"{durability!r} is none; write process or power")
-    store = line.text("--store") or state_file(realm, f"{name}.space.db")
-    if store is None:
-        raise NoPlaceForState
+    store = line.text("--store") or needed_file(realm, f"{name}.space.db")
     await run_space(name, str(store), durability=durability, realm=realm, ready=ready)
 
 

@@ -16,16 +16,16 @@ import shutil
 import time
 from collections.abc import AsyncGenerator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robotree.client.joining import joined
 from robotree.tui import demo, exit_codes
-from robotree.tui.errors import NoPlaceForState, ValueRefused
+from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import plain
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.realm import anybody_met, nothing_to_ask
-from robotree.tui.processes.state_files import state_file
+from robotree.tui.processes.state_files import needed_file
 from robotree.tui.seen import wording
 from robotree.tui.terminal import answer, note
 from robotree.vr.base.errors import AssistantUnknown
@@ -52,10 +52,7 @@ def folder_of(realm: str) -> Path:
     Raises:
         NoPlaceForState: it cannot be made.
     """
-    place = state_file(realm, POLICY)
-    if place is None:
-        raise NoPlaceForState
-    return place.parent
+    return needed_file(realm, POLICY).parent
 
 
 def invite(line: Line, realm: str) -> int:
@@ -108,7 +105,7 @@ def assistants(line: Line, realm: str) -> int:
         return exit_codes.DONE
     keys, policy = AssistantKeys(folder).all(), gate_of(realm).policy
     told = policy.assistants if policy is not None else {}
-    data = [
+    data: list[dict[str, Any]] = [
         {
             "name": each,
             "key": each in keys and now < keys[each].ends,
@@ -118,10 +115,9 @@ def assistants(line: Line, realm: str) -> int:
         for each in sorted({*keys, *told})
     ]
     rows = [("ASSISTANT", "KEY", "ROLES")]
-    for each in sorted({*keys, *told}):
-        days = (keys[each].ends - now) / 86400 if each in keys else 0.0
-        roles = ", ".join(held.role for held in told[each].roles) if each in told else ""
-        rows.append((each, f"for {days:.0f} days" if days > 0 else "none", roles or "none"))
+    for each in data:
+        key, roles = f"for {each['days']} days" if each["key"] else "none", ", ".join(each["roles"])
+        rows.append((each["name"], key, roles or "none"))
     answer(wording.columns(rows) if data else "no assistant has a key", lambda: data)
     return exit_codes.DONE
 

@@ -178,21 +178,21 @@ async def _play(stage: _Stage) -> AwayVerdict:
         await stage.proxy(sim.address)
         back = time.monotonic()
         aside(f"{ROVER} is back")
-        kills = await _kill_in_the_middle(stage)
+        await _kill_in_the_middle(stage)
         await until(lambda: _are_over(realm_client), LONGEST, LOOKS)
         on_line = time.monotonic() - back
         orders = await _orders(realm_client)
-    return _verdict(stage, orders, kills=kills, held=held, on_line=on_line, wall=time.monotonic() - began)
+    return _verdict(stage, orders, held=held, on_line=on_line, wall=time.monotonic() - began)
 
 
 def _verdict(
-    stage: _Stage, orders: Sequence[Order], *, kills: int, held: bool, on_line: float, wall: float
+    stage: _Stage, orders: Sequence[Order], *, held: bool, on_line: float, wall: float
 ) -> AwayVerdict:
     begun = Counter(goal.key for goal in begun_in(stage.goals))
     twice = sum(count - 1 for count in begun.values()) + max(0, len(begun) - len(orders))
     doubts = sum(each.state == "doubt" for each in orders)
     over = sum(each.over for each in orders)
-    ok = over == len(MOVES) == len(orders) and not twice and not doubts and kills == 1 and held
+    ok = over == len(MOVES) == len(orders) and not twice and not doubts and held
     ok = ok and len({each.who for each in orders}) == 2  # two users
     for each in orders:
         aside(f"order {each.ticket} of {each.who}: {each.shown} {each.why}")
@@ -201,7 +201,7 @@ def _verdict(
         orders_away=over,
         twice=twice,
         doubts=doubts,
-        kills=kills,
+        kills=1,
         held=held,
         states=[each.shown for each in orders],
         on_line_s=round(on_line, 2),
@@ -209,7 +209,7 @@ def _verdict(
     )
 
 
-async def _kill_in_the_middle(stage: _Stage) -> int:
+async def _kill_in_the_middle(stage: _Stage) -> None:
     """Kill the rover's process once while it carries an order out; the crew starts it again."""
     end = time.monotonic() + LONGEST
     while time.monotonic() < end and not begun_in(stage.goals):  # noqa: ASYNC110 # a file
@@ -217,7 +217,6 @@ async def _kill_in_the_middle(stage: _Stage) -> int:
     proxy = next(each for each in stage.crew.members if each.words[:1] == ("proxy",))
     os.kill(proxy.pid, signal.SIGKILL)
     aside(f"{ROVER} (process {proxy.pid}) is killed by kill -9 in the middle; the demo starts it again")
-    return 1
 
 
 async def _is_known(realm_client: RealmClient) -> bool:

@@ -55,6 +55,10 @@ TRIES, HEARS = 3, 20.0
 OBEYS = 10.0
 """[s] in which it has ended what it did then, at most."""
 ROLE = "child"
+COUNTED = (
+    *("greeted", "recognised", "cups", "left_early", "dropped", "role_changes", "stops", "refused"),
+    *("interrupted", "orders", "errands"),
+)
 """Played after the change."""
 FORCE = 60.0
 """[N] that no hand may feel on the way."""
@@ -177,7 +181,7 @@ class Evening:
         self._do(self._watch_the_door())
         await self._look("waiting")
         await self._refused("head.look", "head", "look", pan=0.5, tilt=0.0)
-        while not (self._counts["cups"] >= 2 and self._counts["left"]):
+        while not (self._counts["cups"] >= 2 and self._counts["left_early"]):
             await self._listen()
             await asyncio.sleep(LISTEN)
         await self._stop()
@@ -198,23 +202,13 @@ class Evening:
         peak = 0.0
         for hand in ("left", "right"):
             peak = max(peak, (await self._realm_client.describe(hand)).readings.get("peak_force", 0.0))
-        expected = counts["greeted"] == len(PEOPLE) and counts["cups"] >= 2 and counts["left"] == 1
+        expected = counts["greeted"] == len(PEOPLE) and counts["cups"] >= 2 and counts["left_early"] == 1
         handled = counts["dropped"] == 1 and counts["stops"] == 1 and counts["role_changes"] >= 1
         handled = handled and counts["interrupted"] == 1 and counts["orders"] == 1 and counts["errands"] == 1
         return {
             "ok": not self.trouble and expected and handled and peak < FORCE,
-            "greeted": counts["greeted"],
-            "recognised": counts["recognised"],
-            "cups": counts["cups"],
-            "left_early": counts["left"],
-            "dropped": counts["dropped"],
-            "role_changes": counts["role_changes"],
-            "stops": counts["stops"],
-            "refused": counts["refused"],
-            "interrupted": counts["interrupted"],
+            **{each: counts[each] for each in COUNTED},
             "spoken": "by mouth and ears" if self._by_ear else "as text",
-            "orders": counts["orders"],
-            "errands": counts["errands"],
             "chosen": self._chosen,
             "because": self._because,
             "peak_force_n": round(peak, 1),
@@ -238,7 +232,7 @@ class Evening:
                 self._do(self._interrupt())
             await self._look(f"{who}-comes")
         elif "have to go" in text:
-            self._counts["left"] += 1
+            self._counts["left_early"] += 1
             await self._realm_client.call(SCRIPT, "person_left", {"who": who})
         elif "fall" in text:
             self._counts["dropped"] += 1

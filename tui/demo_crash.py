@@ -166,6 +166,41 @@ async def events_since(realm_client: RealmClient, since: float) -> list[HistoryE
         await asyncio.sleep(0.1)
 
 
+async def closed(
+    realm_client: RealmClient,
+    call: asyncio.Future[Any],
+    file: Path,
+    before: int,
+    since: float,
+    kills: Sequence[float],
+) -> Verdict:
+    """Wait until the lever's command is over, and say what came of it.
+
+    Args:
+        realm_client: joined.
+        call: the command.
+        file: what the controller begins.
+        before: how many goals stood in it before the command.
+        since: [Unix s] when it was called.
+        kills: [Unix s] when something was killed.
+    """
+    trouble = ""
+    try:
+        await call
+    except VrError as error:
+        trouble = str(error)
+    readings = (await realm_client.describe_view(VIEW)).readings
+    return verdict_of(
+        kills,
+        begun_in(file)[before:],
+        await events_since(realm_client, since),
+        angle=readings.get("lever"),
+        force=readings.get("peak_force"),
+        trouble=trouble,
+        wall=time.time() - since,
+    )
+
+
 class Counted(Course):
     """The cell, whose controllers write down in a folder of this demo what they begin."""
 
@@ -199,7 +234,7 @@ class Crash(Counted):
     async def course(self, realm_client: RealmClient, tell: Tell, *, alone: bool) -> Verdict:  # noqa: ARG002 # the same
         """Close the lever while its host is killed."""
         file = self.goals / CONTROLLER
-        began, since, before = time.monotonic(), time.time(), len(begun_in(file))
+        since, before = time.time(), len(begun_in(file))
         tell(f"{LEVER} closes its lever")
         call = asyncio.ensure_future(realm_client.call(LEVER, "close", {}, deadline=LONGEST))
         kills: list[float] = []
@@ -210,22 +245,7 @@ class Crash(Counted):
             kills.append(time.time())
             os.kill(pid, signal.SIGKILL)
             tell(f"{HOST} (process {pid}) is killed by kill -9; the demo starts it again", "warning")
-        trouble = ""
-        try:
-            await call
-        except VrError as error:
-            trouble = str(error)
-        readings = (await realm_client.describe_view(VIEW)).readings
-        events = await events_since(realm_client, since)
-        return verdict_of(
-            kills,
-            begun_in(file)[before:],
-            events,
-            angle=readings.get("lever"),
-            force=readings.get("peak_force"),
-            trouble=trouble,
-            wall=time.monotonic() - began,
-        )
+        return await closed(realm_client, call, file, before, since, kills)
 
     def _host(self, realm: str) -> int | None:
         """Return the process of the host; None: it does not live at the moment."""

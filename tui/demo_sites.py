@@ -35,8 +35,8 @@ from robotree.tui.demo import (
     to_its_end,
     until,
 )
-from robotree.tui.demo_crash import CONTROLLER, LONGEST, LOOKS, begun_in, events_since, under_way, verdict_of
-from robotree.tui.errors import MemberFailed, ValueRefused
+from robotree.tui.demo_crash import CONTROLLER, LONGEST, LOOKS, begun_in, closed, under_way
+from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.state_files import KEYS
 from robotree.tui.sites.slow_line import SlowLine
@@ -100,17 +100,6 @@ class _Place(NamedTuple):
     @property
     def environment(self) -> dict[str, str]:
         return {"XDG_RUNTIME_DIR": str(self.runtime), "XDG_STATE_HOME": str(self.state)}
-
-
-def delay_of(text: str) -> int:
-    """Read the delay of the line [ms].
-
-    Raises:
-        ValueRefused: it is no number from 0 to `LONGEST_DELAY`.
-    """
-    if not text.isdecimal() or int(text) > LONGEST_DELAY:
-        raise ValueRefused("MS", f"{text!r} must be a number of milliseconds from 0 to {LONGEST_DELAY}")
-    return int(text)
 
 
 @to_its_end
@@ -332,22 +321,8 @@ class Sites(Course):
         if await under_way(call, self.goals, before + AT):
             kills.append(time.time())
             back = await self._hub_dies(realm_client, tell)
-        trouble = ""
-        try:
-            await call
-        except VrError as error:
-            trouble = str(error)
-        readings = (await realm_client.describe_view(VIEW)).readings
-        crash = verdict_of(
-            kills,
-            begun_in(self.goals)[before:],
-            await events_since(realm_client, since),
-            angle=readings.get("lever"),
-            force=readings.get("peak_force"),
-            trouble=trouble,
-            wall=0.0,
-        )
-        stopped, stop_s = list[str](), 0.0
+        crash = await closed(realm_client, call, self.goals, before, since, kills)
+        stopped, stop_s, trouble = list[str](), 0.0, crash.trouble
         if alone:
             ordered = time.monotonic()
             try:

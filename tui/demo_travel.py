@@ -249,24 +249,36 @@ class Travel(Sites):
 
     async def _sweep(self, realm_client: RealmClient, moves: str = "") -> float:
         """Move smoothly, there and back in turns; returns what the command says that it took [s]."""
-        before, length = len(begun_in(self.goals)), LENGTH * self._far
+        arguments = {"steps": STEPS, "length": LENGTH * self._far}
         self._far = -self._far
-        arguments = {"steps": STEPS, "length": length}
-        call = asyncio.ensure_future(realm_client.call(SMOOTH, "sweep", arguments, deadline=LONGEST))
+        movers = [SMOOTH] if moves else []
+        return float(await self._counted(realm_client, SMOOTH, "sweep", arguments, movers, moves, STEPS))
+
+    async def _counted(
+        self,
+        realm_client: RealmClient,
+        robot: str,
+        command: str,
+        arguments: dict[str, Any],
+        movers: Sequence[str],
+        host: str,
+        wanted: int | None = None,
+    ) -> Any:
+        """Call a command, have robots move meanwhile, and count its steps, of which `wanted` are expected."""
+        before = len(begun_in(self.goals))
+        call = asyncio.ensure_future(realm_client.call(robot, command, arguments, deadline=LONGEST))
         try:
-            if moves:
+            if movers:
                 await under_way(call, self.goals, before + MIDDLE)
-                await realm_client.migrate(SMOOTH, moves)
+            for mover in movers:
+                await realm_client.migrate(mover, host)
         except BaseException:
             call.cancel()
             raise
-        seconds = await call
-        self._count(before, STEPS)
-        return float(seconds)
-
-    def _count(self, before: int, wanted: int | None = None) -> None:
+        result = await call
         twice, lost = counted(begun_in(self.goals)[before:], wanted)
         self._twice, self._lost = self._twice + twice, self._lost + lost
+        return result
 
     async def _found(self, realm_client: RealmClient, robot: str) -> float:
         """Wait until a robot is near the arm; returns when that was [s]."""
@@ -298,16 +310,6 @@ class Travel(Sites):
 
     async def _swing(self, realm_client: RealmClient, command: str, moves: str = "") -> float:
         """Move the lever; returns how long that took [s]."""
-        before, began = len(begun_in(self.goals)), time.monotonic()
-        call = asyncio.ensure_future(realm_client.call(LEVER, command, {}, deadline=LONGEST))
-        try:
-            if moves:
-                await under_way(call, self.goals, before + MIDDLE)
-                for robot in (MOVER, LEVER):
-                    await realm_client.migrate(robot, moves)
-        except BaseException:
-            call.cancel()
-            raise
-        await call
-        self._count(before)
+        began = time.monotonic()
+        await self._counted(realm_client, LEVER, command, {}, [MOVER, LEVER] if moves else [], moves)
         return time.monotonic() - began

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from robotree.tui import demo_companion as names
 from robotree.tui.errors import ValueRefused
+from robotree.tui.line import values
 from robotree.tui.line.installed import require
 from robotree.tui.processes.realm import only_looking
 from robotree.tui.processes.to_the_end import to_the_end
@@ -92,9 +93,10 @@ def _of_sites(line: Line, story: str, how: dict[str, Any]) -> Coroutine[Any, Any
             raise ValueRefused(
                 option, f"`demo {story}` has a course of its own; it takes --headless, --delay and --speedup"
             )
-    travel = story == names.TRAVEL
+    travel, longest = story == names.TRAVEL, demo_sites.LONGEST_DELAY
+    refusal = f"must be a number of milliseconds from 0 to {longest}"
     return demo_sites.demo(
-        delay=demo_sites.delay_of(line.text("--delay", f"{demo_sites.DELAY}")),
+        delay=values.whole("MS", line.text("--delay", f"{demo_sites.DELAY}"), 0, longest, refusal),
         speedup=line.text("--speedup", demo_travel.SPEEDUP if travel else "1"),
         make=demo_travel.Travel if travel else None,
         **how,

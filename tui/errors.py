@@ -80,8 +80,8 @@ class NeedsTerminal(UsageError):
         )
 
 
-class BadKeymap(UsageError):
-    """The operator's file of keys cannot be used; nothing was started."""
+class BadFile(UsageError):
+    """A file of the operator cannot be used; nothing was started."""
 
     def __init__(self, path: str, reason: str) -> None:
         """Name the file and what is wrong in it."""
@@ -89,13 +89,12 @@ class BadKeymap(UsageError):
         super().__init__(f"{path}: {reason}")
 
 
-class BadTheme(UsageError):
-    """A file of colours cannot be used; nothing was started."""
+class BadKeymap(BadFile):
+    """It is that of the keys."""
 
-    def __init__(self, path: str, reason: str) -> None:
-        """Name the file and what is wrong in it."""
-        self.path, self.reason = path, reason
-        super().__init__(f"{path}: {reason}")
+
+class BadTheme(BadFile):
+    """It is one of colours."""
 
 
 class NoSuchLanguage(UsageError):

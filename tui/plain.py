@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import codecs
-import contextlib
-import os
 import re
-import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -28,7 +25,7 @@ from robotree.tui.line.verbs import Outcome
 from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.rows import natural
 from robotree.tui.seen.store import Store
-from robotree.tui.terminal import harmless, one_line, put
+from robotree.tui.terminal import harmless, one_line, put, typed
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.supervision.realm_client import RealmClient
@@ -220,29 +217,13 @@ class Lines:
         """Read lines from standard input, which may be anything, without holding up the loop."""
         decode, rest = codecs.getincrementaldecoder("utf-8")("replace").decode, ""
         while True:
-            read = await _input()
+            read = await typed()
             rest += decode(read, final=not read)
             *lines, rest = rest.split("\n")
             for line in [*lines, *([rest] if not read and rest else [])]:
                 self.take(harmless(line[:LONGEST]))
             if not read:
                 return
-
-
-async def _input() -> bytes:
-    """Wait for something on standard input; empty: it has ended."""
-    loop, there = asyncio.get_running_loop(), asyncio.Event()
-    try:
-        loop.add_reader(sys.stdin.fileno(), there.set)
-    except PermissionError:  # a file is always ready
-        return os.read(sys.stdin.fileno(), 65_536)
-    try:
-        await there.wait()
-    finally:
-        loop.remove_reader(sys.stdin.fileno())
-    with contextlib.suppress(OSError):
-        return os.read(sys.stdin.fileno(), 65_536)
-    return b""
 
 
 async def supervise_in_lines(realm: str, *, readonly: bool) -> int:

@@ -11,7 +11,7 @@ import re
 import stat
 import sys
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import IO, TYPE_CHECKING, Any
 
 from robotree.tui.errors import BadScript, SupervisorError, sentence
@@ -154,6 +154,24 @@ def over(text: str) -> None:
 def clear() -> None:
     """Take everything off the terminal that standard output is."""
     sys.stdout.write("\x1b[H\x1b[J")
+
+
+async def typed() -> bytes:
+    """Wait for something on standard input; empty: it has ended."""
+    import asyncio
+
+    loop, there = asyncio.get_running_loop(), asyncio.Event()
+    try:
+        loop.add_reader(sys.stdin.fileno(), there.set)
+    except PermissionError:  # a file is always ready
+        return os.read(sys.stdin.fileno(), 65_536)
+    try:
+        await there.wait()
+    finally:
+        loop.remove_reader(sys.stdin.fileno())
+    with suppress(OSError):
+        return os.read(sys.stdin.fileno(), 65_536)
+    return b""
 
 
 def no_screen() -> str:

@@ -117,12 +117,7 @@ def clock(now: float | None = None) -> Finding:
     result = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now))
     remedy = "set the clock, for example with `timedatectl set-ntp true`: signed links refuse what is too old"
     if now < SIGNING_BEGINS:
-        return Finding(
-            "clock",
-            "bad",
-            f"the clock shows {result}, too early for signatures",
-            remedy,
-        )
+        return Finding("clock", "bad", f"the clock shows {result}, too early for signatures", remedy)
     newest = max((path.stat().st_mtime for path in Path(__file__).parent.glob("*.py")), default=0.0)
     if now < newest - 86_400:
         return Finding(

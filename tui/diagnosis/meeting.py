@@ -29,6 +29,7 @@ from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.network.shared import SharedRealm, group_name, shared_realm
 
 PRIVATE = 0o700
+OWN = "set XDG_RUNTIME_DIR to a folder of your own"
 
 Condition = Literal["lives", "hangs", "stopped", "dead"]
 
@@ -60,12 +61,8 @@ def folder(realm: str) -> Iterator[Finding]:
     """See that the realm's folder can be used, and by nobody else."""
     if not os.environ.get("XDG_RUNTIME_DIR") and owner_of(realm_folder(realm)) is None:
         result = f"XDG_RUNTIME_DIR is not set, so this realm lies in {realm_folder(realm).parent}"
-        yield Finding(
-            "folder",
-            "doubt",
-            result,
-            "set it alike in all terminals, or robots of one are not seen in others",
-        )
+        remedy = "set it alike in all terminals, or robots of one are not seen in others"
+        yield Finding("folder", "doubt", result, remedy)
     place = realm_folder(realm)
     if (shared := shared_realm(place)) is not None:
         yield _shared(shared, realm)
@@ -82,9 +79,7 @@ def folder(realm: str) -> Iterator[Finding]:
             )  # fmt: skip
             return
         except OSError as error:
-            yield Finding(
-                "folder", "bad", f"{path}: {error.strerror}", "set XDG_RUNTIME_DIR to a folder of your own"
-            )
+            yield Finding("folder", "bad", f"{path}: {error.strerror}", OWN)
             return
         if fault := _fault(path, found):
             yield fault
@@ -106,11 +101,10 @@ def _shared(shared: SharedRealm, realm: str) -> Finding:
 
 def _fault(path: Path, found: os.stat_result) -> Finding | None:
     mode = stat.S_IMODE(found.st_mode)
-    own = "set XDG_RUNTIME_DIR to a folder of your own"
     if not stat.S_ISDIR(found.st_mode):
         return Finding("folder", "bad", f"{path} is no folder", f"remove it: rm {path}")
     if found.st_uid != os.geteuid():
-        return Finding("folder", "bad", f"{path} belongs to user {found.st_uid}, you are {os.geteuid()}", own)
+        return Finding("folder", "bad", f"{path} belongs to user {found.st_uid}, you are {os.geteuid()}", OWN)
     if mode & 0o077 or mode & PRIVATE != PRIVATE:
         return Finding("folder", "bad", f"{path} has mode {mode:04o}, not 0700", f"chmod 700 {path}")
     return None
@@ -156,15 +150,10 @@ def _answers_the_door(place: Rendezvous, tag: str) -> bool:
 
 
 def _condition(pid: int, silent: float) -> Condition:
-    if _is_stopped(pid):
-        return "stopped"
-    return "hangs" if silent > HANGS else "lives"
-
-
-def _is_stopped(pid: int) -> bool:
     with contextlib.suppress(psutil.Error):
-        return psutil.Process(pid).status() in {psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP}
-    return False
+        if psutil.Process(pid).status() in {psutil.STATUS_STOPPED, psutil.STATUS_TRACING_STOP}:
+            return "stopped"
+    return "hangs" if silent > HANGS else "lives"
 
 
 def command_of(pid: int) -> str:
@@ -210,12 +199,8 @@ def processes(found: list[Entry]) -> Iterator[Finding]:
     if alive:
         yield Finding("processes", "good", f"{alive} of {len(found)} live and answer the system")
     else:
-        yield Finding(
-            "processes",
-            "bad",
-            "no process runs in this realm",
-            "start something, for example `robotree demo`",
-        )
+        remedy = "start something, for example `robotree demo`"
+        yield Finding("processes", "bad", "no process runs in this realm", remedy)
 
 
 def roles(found: list[Entry]) -> Iterator[Finding]:
@@ -245,12 +230,8 @@ def whereabouts(name: str, realm: str) -> Finding | None:
         with contextlib.suppress(Exception):  # a folder that is not in order is no reason to fail here
             for entry in entries(other):
                 if any(address.name == name for address in entry.holds):
-                    return Finding(
-                        "robot",
-                        "bad",
-                        f"{name} is in realm {other!r}, not in {realm!r}",
-                        f"add --realm {other}",
-                    )
+                    there = f"{name} is in realm {other!r}, not in {realm!r}"
+                    return Finding("robot", "bad", there, f"add --realm {other}")
     return None
 
 

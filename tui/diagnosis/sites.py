@@ -8,7 +8,7 @@ reason.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from robotree.tui.diagnosis.finding import Finding, Grade
@@ -116,12 +116,8 @@ def judged(described: GatewayDescribed, now: float) -> Iterator[Finding]:
         times = "once" if count == 1 else f"{count} times"
         yield Finding("refused", "doubt", f"{times}: {reason}", "nothing of it was done; see who that is")
     if not described.sites:
-        yield Finding(
-            "sites",
-            "doubt",
-            "no other site has joined",
-            "robotree realm invite NAME, where the realm was made",
-        )
+        remedy = "robotree realm invite NAME, where the realm was made"
+        yield Finding("sites", "doubt", "no other site has joined", remedy)
 
 
 def of_site(site: SiteSeen, described: GatewayDescribed, now: float) -> Iterator[Finding]:
@@ -152,16 +148,12 @@ def of_site(site: SiteSeen, described: GatewayDescribed, now: float) -> Iterator
             "clock", grade, f"the clock of {who} is {ahead}: certificates are judged by it",
             "set both by NTP; commands and leases do not depend on it",
         )  # fmt: skip
+    renew = f"at {site.name}: robotree realm renew"
     if 0 < site.ends - now < SOON:
         result = f"the certificate of {who} ends in {(site.ends - now) / DAY:.0f} days"
-        yield Finding("certificate", "doubt", result, f"at {site.name}: robotree realm renew")
+        yield Finding("certificate", "doubt", result, renew)
     elif 0 < site.ends <= now:
-        yield Finding(
-            "certificate",
-            "bad",
-            f"the certificate of {who} has ended",
-            f"at {site.name}: robotree realm renew",
-        )
+        yield Finding("certificate", "bad", f"the certificate of {who} has ended", renew)
     for name, process, remedy in site.hung:
         yield Finding(
             "robots", "bad", f"{site.name}:{name} hangs there, in {process}", f"at {site.name}: {remedy}"
@@ -179,15 +171,7 @@ async def robot(realm_client: RealmClient, name: str, described: GatewayDescribe
         await realm_client.describe(name)
     except VrError as error:
         site = name.partition(":")[0] if ":" in name else ""
-        return (
-            [Finding("robot", "bad", f"{name} cannot be asked: {error}", _remedy(site, described))]
-            if site
-            else []
-        )
+        remedy = next((one.remedy for one in described.sites if one.name == site), "")
+        return [Finding("robot", "bad", f"{name} cannot be asked: {error}", remedy)] if site else []
     seconds = time.monotonic() - begin
     return [Finding("robot", "good", f"{name} is at site {site} and answers in {seconds:.2f} s")]
-
-
-def _remedy(site: str, described: GatewayDescribed) -> str:
-    found: Mapping[str, SiteSeen] = {one.name: one for one in described.sites}
-    return found[site].remedy if site in found else ""

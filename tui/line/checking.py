@@ -42,19 +42,7 @@ def _path(what: str) -> Callable[[str], None]:
     return check
 
 
-def _time(text: str) -> None:
-    values.duration(text)
-
-
-def _factor(text: str) -> None:
-    values.factor(text)
-
-
-def _size(text: str) -> None:
-    values.size(text)
-
-
-CHECKS: Mapping[str, Callable[[str], None]] = {
+CHECKS: Mapping[str, Callable[[str], object]] = {
     "NAME": name,
     "GROUP": new_name,
     "ROBOT": name,
@@ -64,9 +52,9 @@ CHECKS: Mapping[str, Callable[[str], None]] = {
     "PARENT.SLOT": _path("PARENT.SLOT"),
     "ROBOT.COMMAND": _path("ROBOT.COMMAND"),
     "ROBOT.READING": _path("ROBOT.READING"),
-    "TIME": _time,
-    "SIZE": _size,
-    "FACTOR": _factor,
+    "TIME": values.duration,
+    "SIZE": values.size,
+    "FACTOR": values.factor,
 }
 """By name of the blank."""
 

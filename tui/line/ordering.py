@@ -17,7 +17,6 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.errors import NoSuchRobot
     from robotree.vr.base.order import KnownAgent, Order, OrderHold
     from robotree.vr.base.requests import OrderLeft
-    from robotree.vr.supervision.orders import OrderBoard
     from robotree.vr.supervision.realm_client import RealmClient
 
 HELD_BY = "`robotree resume` releases it"
@@ -50,18 +49,9 @@ async def show_or_remember(realm_client: RealmClient, line: Line, teller: Teller
     try:
         return await verbs.show(realm_client, line, teller)
     except NoSuchRobot as error:
-        return await _shown_absent(realm_client, error)
-
-
-async def _shown_absent(realm_client: RealmClient, error: NoSuchRobot) -> Outcome:
-    """Describe a robot that is away.
-
-    Raises:
-        NoSuchRobot: nobody remembers it.
-    """
-    known = await realm_client.orders.robot(str(error.data["name"]))
-    if known is None:
-        raise error
+        known = await realm_client.orders.robot(str(error.data["name"]))
+        if known is None:
+            raise
     now = time.time()
     data: dict[str, Any] = {} if known.robot is None else plain(known.robot)
     about = {
@@ -173,7 +163,8 @@ def _no_end(text: str) -> ValueRefused:
 async def orders(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     """List orders, the oldest first, and what holds robots."""
     board = await realm_client.orders.board(robot=line.text("NAME"), mine=line.flag("--mine"))
-    _warn(board, teller)
+    if board.silent:
+        teller.warn(f"{', '.join(board.silent)} does not answer; what it has is missing here")
     shown = board.orders if line.flag("--all") else [each for each in board.orders if not each.seen]
     holds = [each for each in board.holds if line.text("NAME") in ("", each.robot) or not each.robot]
     data = {
@@ -314,11 +305,6 @@ def result_line(order: Order) -> str:
     told = about(order)
     begin = f"{absence.clock(order.at)}  {order.ticket}  {order.robot}.{order.command} is {order.shown}"
     return f"{begin}: {told}" if told else begin
-
-
-def _warn(board: OrderBoard, teller: Teller) -> None:
-    if board.silent:
-        teller.warn(f"{', '.join(board.silent)} does not answer; what it has is missing here")
 
 
 def known_portrait(known: KnownAgent, now: float) -> str:

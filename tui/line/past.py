@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar, cast
 
 from robotree.tui.errors import ValueRefused
@@ -187,11 +188,8 @@ async def _from_files(
             if source in silent:
                 continue
             try:
-                file = HistoryFile(path)
-                try:
+                with closing(HistoryFile(path)) as file:
                     found[source] = look(file)
-                finally:
-                    file.close()
             except HistoryUnusable as error:
                 faults.append(str(error))
 

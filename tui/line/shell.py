@@ -21,7 +21,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome
 from robotree.tui.processes.to_the_end import to_the_end
 from robotree.tui.seen.wording import without_seconds
-from robotree.tui.terminal import complain, note, over, put, put_data
+from robotree.tui.terminal import complain, note, over, put, put_data, typed
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.exchange.attendance import Attendance
@@ -173,13 +173,7 @@ async def _wants_to_order(line: Line, error: Exception) -> bool:
     if line.verb != "call" or not isinstance(error, RobotAbsent) or "--queue" not in error.data["advice"]:
         return False
     note(f"{error.data['name']} is {error.data['how']}. Type yes to leave this as an order:")
-    loop, typed = asyncio.get_running_loop(), asyncio.Event()
-    loop.add_reader(sys.stdin.fileno(), typed.set)
-    try:
-        await typed.wait()
-    finally:
-        loop.remove_reader(sys.stdin.fileno())
-    return os.read(sys.stdin.fileno(), 64).strip() == b"yes"
+    return (await typed()).strip() == b"yes"
 
 
 async def obey(realm_client: RealmClient, line: Line, console: Console) -> int:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robotree.tui.errors import NoPlaceForState
 from robotree.tui.line import ordering, values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome, Teller, plain
@@ -54,13 +53,11 @@ def opened(realm: str, owner: str = "") -> Generator[OrderBook]:
         DirectoryUnusable: another program uses it at this moment.
     """
     from robotree.files import private_folder, replace, text
-    from robotree.tui.processes.state_files import state_file
+    from robotree.tui.processes.state_files import needed_file
     from robotree.vr.orders.book import OrderBook
     from robotree.vr.orders.store import OrderStore
 
-    folder = folder_of(realm)
-    if state_file(realm, "taken") is None:
-        raise NoPlaceForState
+    folder = needed_file(realm, "taken")
     private_folder(folder)
     if owner:
         replace(folder / OWNER, owner.encode())

@@ -679,8 +679,11 @@ async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
     children = line.many("CHILD")
     if children[0] == checking.WHERE:
         return _why(await realm_client.choose(parent, slot, " ".join(children[1:])), slot)
-    if len(children) > 1:
-        _expect_group(await realm_client.describe(parent), slot)
+    if len(children) > 1:  # before the first of them is enslaved
+        slots = (await realm_client.describe(parent)).slots
+        if not any(one.group == slot for one in slots):
+            reason = f"{parent}.{slot} takes one robot; several go only into a group (Children)"
+            raise ValueRefused("CHILD", reason)
     robot = None
     for number, child in enumerate(children):
         try:
@@ -708,13 +711,6 @@ def _why(parent: RobotDescription, slot: str) -> Outcome:
 def _are(names: Sequence[str]) -> str:
     """Return names as the subject of a sentence, with its verb."""
     return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
-
-
-def _expect_group(parent: RobotDescription, slot: str) -> None:
-    """Refuse several children for a slot that takes one, before the first of them is enslaved."""
-    if not any(one.group == slot for one in parent.slots):
-        reason = f"{parent.name}.{slot} takes one robot; several go only into a group (Children)"
-        raise ValueRefused("CHILD", reason)
 
 
 async def release(realm_client: RealmClient, line: Line, _teller: Teller) -> Outcome:

@@ -33,7 +33,11 @@ class Choices:
         if path is not None:
             with contextlib.suppress(OSError, ValueError, msgspec.MsgspecError):
                 kept = msgspec.json.decode(files.read(path, LARGEST), type=dict[str, Any]).items()
-                self._chosen = {name: each for name, each in kept if _is_choice(each)}
+                self._chosen = {
+                    name: each
+                    for name, each in kept
+                    if isinstance(each, str) or (type(each) is int and each >= 0)
+                }
 
     def get(self, name: str, usual: Choice) -> Choice:
         """Return what was chosen; what is usual where nothing was."""
@@ -56,7 +60,3 @@ class Choices:
             files.overwrite(self._path, msgspec.json.encode(self._chosen))
         except OSError as error:
             log.warning("what is chosen for %s is forgotten at the end: %s", name, error)
-
-
-def _is_choice(kept: Any) -> bool:
-    return isinstance(kept, str) or (type(kept) is int and kept >= 0)

@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from robotree.files import opened, private_folder
-from robotree.tui.errors import StateInUse
+from robotree.tui.errors import NoPlaceForState, StateInUse
 from robotree.tui.terminal import note
 from robotree.vr.network import realms
 
@@ -98,13 +98,24 @@ def state_file(realm: str, name: str) -> Path | None:
     return top / realm / name
 
 
+def needed_file(realm: str, name: str) -> Path:
+    """Return the same of what cannot be done without it.
+
+    Raises:
+        NoPlaceForState: it cannot be made.
+    """
+    found = state_file(realm, name)
+    if found is None:
+        raise NoPlaceForState
+    return found
+
+
 def journal_folder(realm: str, host: str) -> Path | None:
     """Return the folder in which a host keeps its robots; None: it cannot be made."""
-    path = state_file(realm, "hosts")
+    path = state_file(realm, f"hosts/{host}")
     if path is None:
         note(f"the robots of {host} are forgotten when it ends: the folder for them cannot be made")
-        return None
-    return path / host
+    return path
 
 
 def kept_hosts(realm: str) -> frozenset[str]:
@@ -117,9 +128,9 @@ def journal_folders(realm: str) -> list[Path]:
     return sorted({folder for top in _tops(realm) for folder in _kept_in(top)}) if realm else []
 
 
-def _tops(realm: str, home: Path | None = None) -> tuple[Path, Path]:
+def _tops(realm: str) -> tuple[Path, Path]:
     """Return the folders of a realm: that of a demo of it, which keeps its things apart, and its own."""
-    home = home or state_home()
+    home = state_home()
     return home / DEMOS / realm / home.name / realm, home / realm
 
 
@@ -133,39 +144,36 @@ def _kept_in(top: Path) -> Iterator[Path]:
 
 def history_folder(realm: str, robot: str) -> Path | None:
     """Return the folder in which a proxy keeps what its robot did; None: it cannot be made."""
-    path = state_file(realm, "robots")
-    return None if path is None else path / robot
+    return state_file(realm, f"robots/{robot}")
 
 
-def history_files(realm: str, home: Path | None = None) -> dict[tuple[str, str], Path]:
+def history_files(realm: str) -> dict[tuple[str, str], Path]:
     """Return the files with what robots did, by `host` or `robot` and its name; looking makes nothing.
 
     Those of a demo of the realm count, too: it keeps them in a folder of its own.
-
-    Args:
-        realm: whose.
-        home: folder of all realms; None: that of this user.
     """
     found = dict[tuple[str, str], Path]()
     if not realm:
         return found
-    for top in _tops(realm, home):
+    for top in _tops(realm):
         for role, folder in (("host", "hosts"), ("robot", "robots")):
             for path in sorted(top.glob(f"{folder}/*/history.db")):
                 found[role, path.parent.name] = path
     return found
 
 
-def directory_folder(realm: str, name: str) -> Path | None:
-    """Return the folder with the memory of a directory, which is there then; None: it cannot be made."""
-    path = state_file(realm, "directories")
-    if path is None:
-        return None
+def directory_folder(realm: str, name: str) -> Path:
+    """Return the folder with the memory of a directory, which is there then.
+
+    Raises:
+        NoPlaceForState: it cannot be made.
+    """
+    path = needed_file(realm, f"directories/{name}")
     try:
-        private_folder(path / name)
+        private_folder(path)
     except OSError:
-        return None
-    return path / name
+        raise NoPlaceForState from None
+    return path
 
 
 def directory_folders(realm: str) -> list[Path]:
