@@ -218,27 +218,3 @@ def test_a_robot_without_a_place_has_no_transform() -> None:
     assert turned["timestamp"] == {"sec": 1, "nsec": 500_000_000}
     assert turned["parent_frame_id"] == "world"
     assert turned["rotation"]["z"] == pytest.approx(1.0)
-
-
-def test_robots_of_two_controllers_are_in_two_frames_and_a_limb_goes_with_its_body() -> None:
-    base = {"x": 1.0, "y": 2.0, "heading": 0.5}
-    there = [
-        messages.transforms(name, readings, robot(name, **attributes), 0.0)
-        for name, readings, attributes in (
-            ("arm-1", {"x": 0.3, "y": 0.0}, {"controller": "tcp://cell:1"}),
-            ("legs", base, {"controller": "tcp://her:1"}),
-            ("hand", {"x": 0.1, "y": 0.2}, {"controller": "tcp://her:1", "frame": "tcp://her:1/body"}),
-        )
-    ]
-    links = [
-        (one["parent_frame_id"], one["child_frame_id"])
-        for each in there
-        if each
-        for one in each["transforms"]
-    ]
-    assert links == [
-        ("tcp://cell:1", "arm-1"),
-        ("tcp://her:1", "legs"),
-        ("tcp://her:1", "tcp://her:1/body"),
-        ("tcp://her:1/body", "hand"),
-    ]

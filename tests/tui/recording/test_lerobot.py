@@ -66,17 +66,6 @@ def loaded(path: Path) -> Any:
     return json.loads(path.read_text())
 
 
-def test_the_files_are_where_the_format_has_them(dataset: Path) -> None:
-    files = sorted(str(path.relative_to(dataset)) for path in dataset.rglob("*") if path.is_file())
-    assert files == [
-        "data/chunk-000/file-000.parquet",
-        "meta/episodes/chunk-000/file-000.parquet",
-        "meta/info.json",
-        "meta/stats.json",
-        "meta/tasks.parquet",
-    ]
-
-
 def test_the_columns_have_the_types_of_the_features(dataset: Path) -> None:
     info = loaded(dataset / "meta" / "info.json")
     assert (info["codebase_version"], info["fps"], info["splits"]) == ("v3.0", 10, {"train": "0:2"})

@@ -127,6 +127,7 @@ def test_wireshark_is_told_of_ones_own_messages_whatever_lies_beside_them(
     lua = (tmp_path / "mine.lua").read_text()
     assert "ROBOTREE_JOINTS" in lua
     assert "PROBE" in lua
+    assert say("wire", "dissector", tmp_path / "mine.lua").code == exit_codes.REFUSED, "it is there already"
     for name, reason in (
         ("fifo.xml", "it cannot be read: it is a FIFO"),
         ("zero.xml", "it cannot be read: it is a device"),

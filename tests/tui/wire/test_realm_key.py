@@ -20,7 +20,6 @@ from robotree.tui.line.manual import EVERYWHERE
 from robotree.tui.wire import security
 from robotree.tui.wire.security import NOTHING, REALM, key_file, realm_key, securing, wanted
 from robotree.vr.base.errors import RealmUnusable
-from robotree.vr.network import realms
 
 
 def line(*words: str) -> Line:
@@ -41,20 +40,6 @@ def test_it_is_made_once_and_lies_in_the_realms_folder_for_its_owner_alone(place
     assert fingerprint(realm_key("cell")) == before
     assert fingerprint(realm_key("other")) != before
     assert [one.name for one in path.parent.iterdir()] == ["realm.key"]
-
-
-def test_a_realm_in_two_folders_has_one_key(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A service has no runtime directory, and makes the realm's other folder."""
-    session, shared = place / "user" / str(os.geteuid()), place / "shared"
-    for folder in (session, shared):
-        folder.mkdir(mode=0o700, parents=True)
-    monkeypatch.setattr(realms, "LOGIN", place / "user")
-    monkeypatch.setattr(realms, "SHARED", shared)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(session))
-    of_session = realm_key("cell")
-    monkeypatch.delenv("XDG_RUNTIME_DIR")
-    assert realm_key("cell") == of_session
-    assert (shared / f"robotree-{os.geteuid()}" / "cell").is_dir()
 
 
 def test_who_was_not_waited_for_and_is_quicker_has_made_the_key_of_all(

@@ -61,6 +61,7 @@ def test_a_recording_of_nothing_is_no_success(say: Any, tmp_path: Path) -> None:
         heard = Parser().feed(dumb.recv(2048))
     assert said.code == exit_codes.NOBODY
     assert f"no frame that could be recorded came from {address}" in said.err
+    assert list(tmp_path.iterdir()) == [], "no file is in the way of the next"
     assert [frame.name for frame in heard] == ["HEARTBEAT"]
 
 

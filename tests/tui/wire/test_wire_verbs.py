@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import gzip
-import io
 import json
 import signal
 import socket
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -66,14 +64,6 @@ def test_decode_tells_people_when_who_and_what(say: Any, tmp_path: Path) -> None
     assert said.lines[2].split() == ["2", "200.0/s", "NAMED_VALUE_FLOAT"]
     assert said.lines[3].startswith("2 frames in 0.010 s from 58 bytes (tlog), 0 signed; lost 0")
     assert said.lines[-1].startswith("bad checksum 0")
-
-
-def test_decode_reads_standard_input(say: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Pipe:
-        buffer = io.BytesIO(encode(NamedValueFloat(1, "x", 1.0), sequence=0, system=1, component=1))
-
-    monkeypatch.setattr(sys, "stdin", Pipe())
-    assert say("wire", "decode", "-", "--json").objects[0]["name"] == "NAMED_VALUE_FLOAT"
 
 
 def test_what_cannot_be_done_is_told_in_one_sentence(say: Any, tmp_path: Path) -> None:
@@ -296,18 +286,6 @@ def test_who_is_a_bad_link_says_what_is_in_force_and_fails_where_no_robot_is(
     assert healed == "loss 0%, delay 0 ms, jitter 0 ms, duplication 0%\n"
 
 
-def test_the_dissector_is_written_once(say: Any, tmp_path: Path) -> None:
-    path = tmp_path / "robotree.lua"
-    assert say("wire", "dissector", path).code == exit_codes.DONE
-    assert "ROBOTREE_JOINTS" in path.read_text()
-    assert say("wire", "dissector", path).code == exit_codes.REFUSED
-
-
-def test_the_dialect_is_written_in_c(say: Any, tmp_path: Path) -> None:
-    said = say("wire", "dialect", "--lang", "c", tmp_path / "c", "--json")
-    assert any(name.endswith("mavlink_msg_robotree_gripper.h") for name in said.objects[0]["files"])
-
-
 def test_ctrl_c_ends_a_recording_in_order(arm: str, tmp_path: Path) -> None:
     words = [*ROBOTREE, "wire", "record", "--connect", arm, str(tmp_path / "a.mcap"), "--json"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -323,41 +301,22 @@ def test_ctrl_c_ends_a_recording_in_order(arm: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "data"),
+    ("verb", "name", "data"),
     [
-        ("a.tlog.gz", gzip.compress(b"\xfd" * 500, mtime=0)),
-        ("a.txt", b"(no recording), but a text with words.\n" * 50),
-        ("a.raw", b""),
-        ("a.mcap", b"\x89MCAP0\r\n" + bytes(100)),
+        ("decode", "a.tlog.gz", gzip.compress(b"\xfd" * 500, mtime=0)),
+        ("decode", "a.txt", b"(no recording), but a text with words.\n" * 50),
+        ("decode", "a.raw", b""),
+        ("decode", "a.mcap", b"\x89MCAP0\r\n" + bytes(100)),
+        ("replay --listen tcp:127.0.0.1:0", "a.tlog", bytes(range(256)) * 100),
     ],
 )
-def test_a_file_that_is_no_recording_is_not_decoded_with_success(
-    say: Any, tmp_path: Path, name: str, data: bytes
+def test_a_file_that_is_no_recording_is_not_taken_with_success(
+    say: Any, tmp_path: Path, verb: str, name: str, data: bytes
 ) -> None:
     path = tmp_path / name
     path.write_bytes(data)
-    said = say("wire", "decode", path)
+    said = say("wire", *verb.split(), path)
     assert (said.code, said.err) == (exit_codes.REFUSED, f"robotree: {path}: {NO_FRAME}")
-
-
-@pytest.mark.parametrize("data", [b"", bytes(range(256)) * 100])
-def test_a_recording_without_a_frame_is_not_replayed_with_success(
-    say: Any, tmp_path: Path, data: bytes
-) -> None:
-    path = tmp_path / "a.tlog"
-    path.write_bytes(data)
-    said = say("wire", "replay", path, "--listen", "tcp:127.0.0.1:0")
-    assert (said.code, said.err) == (exit_codes.REFUSED, f"robotree: {path}: {NO_FRAME}")
-
-
-def test_a_recording_of_nothing_leaves_no_file_in_the_way_of_the_next(say: Any, tmp_path: Path) -> None:
-    path = tmp_path / "a.tlog"
-    with socket.create_server(("127.0.0.1", 0)) as mute:
-        address = f"tcp:127.0.0.1:{mute.getsockname()[1]}"
-        said = say("wire", "record", "--connect", address, path, "--for", "100ms")
-    assert said.code == exit_codes.NOBODY
-    assert "no frame that could be recorded came from" in said.err
-    assert not path.exists()
 
 
 def test_a_taken_address_is_answered_with_what_can_be_done_about_it(
