@@ -34,6 +34,9 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
         ("panel", USAGE, "NotHere", ""),
         ("create a.py", USAGE, "BadLine", "'as' is missing; usage: create FILE as NAME [on HOST]"),
         ("ls --colour", USAGE, "BadLine", "unknown option --colour"),
+        ("ls --hosts --lookups", USAGE, "BadLine", "take only one of --hosts and --lookups"),
+        ("ls --realm a --realm b", USAGE, "BadLine", "--realm is given twice"),
+        ("--realm a ls --realm b", USAGE, "BadLine", "--realm is given twice"),
         ("alarms ack", USAGE, "BadLine", "'ack' is more than it takes (did you mean alarm ack?)"),
         ("wire", USAGE, "BadLine", ""),
         ("help fly", USAGE, "UnknownVerb", "no verb 'fly'"),
@@ -46,7 +49,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_each_mistake_is_one_sentence_or_one_json_value_with_an_exit_code(
-    words: str, code: int, error: str, says: str, capsys: pytest.CaptureFixture[str]
+    words: str, code: int, error: str, says: str, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(words.split()) == code
     said = capsys.readouterr()
@@ -58,6 +61,7 @@ def test_each_mistake_is_one_sentence_or_one_json_value_with_an_exit_code(
     sentence, said = said.err.removeprefix("robotree: ").strip(), capsys.readouterr()
     assert json.loads(said.out) == {"error": error, "message": sentence}
     assert json.loads(said.err) == json.loads(said.out)
+    assert list(place.iterdir()) == [], "nothing was begun"
 
 
 def test_a_verb_with_which_others_begin_shows_itself_and_them(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,7 @@ from robotree.tui.line.shell import PACE, Console
 from tests.command_line import ROBOTREE
 
 if TYPE_CHECKING:
-    from tui.conftest import Realm
+    pass
 
 
 @pytest.fixture
@@ -36,23 +36,6 @@ def test_an_option_for_every_verb_stands_before_the_verb_or_behind_it(
     assert main(words) == exit_codes.NOBODY
     assert "nobody is in realm 'nosuch'" in capsys.readouterr().err
     assert list(nowhere.iterdir()) == [], "a look at a realm that is not there does not make it"
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["ls", "--hosts", "--lookups"], "take only one of --hosts and --lookups"),
-        (["ls", "--realm", "a", "--realm", "b"], "--realm is given twice"),
-        (["--realm", "a", "ls", "--realm", "b"], "--realm is given twice"),
-        (["--realm"], "--realm needs a NAME"),
-    ],
-)
-def test_options_that_contradict_each_other_are_refused(
-    words: list[str], says: str, nowhere: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert nowhere.exists()
-    assert main(words) == exit_codes.USAGE
-    assert says in capsys.readouterr().err
 
 
 def test_what_is_for_programs_is_not_offered_to_people(capsys: pytest.CaptureFixture[str]) -> None:
@@ -92,13 +75,6 @@ def test_what_a_host_cannot_be_told_is_one_sentence(
     assert not any(nowhere.rglob("*.owner"))
 
 
-def test_a_file_that_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["wire", "decode", str(tmp_path / "no.tlog")]) == exit_codes.REFUSED
-    said = capsys.readouterr().err
-    assert f"{tmp_path / 'no.tlog'}" in said
-    assert "[Errno" not in said
-
-
 def test_a_session_is_read_from_standard_input(
     nowhere: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -134,21 +110,6 @@ def test_a_motion_that_tells_its_share_often_fills_no_log(capsys: pytest.Capture
     assert capsys.readouterr().err.splitlines() == ["… 99% closing"]
     console.settle()
     assert capsys.readouterr().err == ""
-
-
-async def test_a_value_that_is_given_twice_is_refused_and_nothing_moves(realm: Realm) -> None:
-    from robotree.tui.errors import ValueRefused
-    from robotree.tui.line.action import Where
-    from robotree.tui.line.actions import shapes
-    from robotree.tui.line.carrying import Silent
-    from robotree.tui.line.grammar import parse
-    from robotree.tui.line.verbs import call
-
-    line = parse(["call", "arm-1.go_to", "x=0.3", "y=0", "x=0.4"], shapes(Where.SHELL), {})
-    with pytest.raises(ValueRefused, match="x is given twice") as refused:
-        await call(realm.realm_client, line, Silent())
-    assert exit_codes.code_of(refused.value) == exit_codes.USAGE
-    assert realm.arm.calls == []
 
 
 @pytest.mark.parametrize("words", ["--help", "wire dissector"])

@@ -50,13 +50,6 @@ async def test_a_cut_begins_and_ends_with_the_line(realm: Realm) -> None:
     assert link.done == [(True, 0.0), (False, 0.0)]
 
 
-async def test_a_fault_ends_with_its_trial(realm: Realm) -> None:
-    link = Linked(realm)
-    told = await drilled(realm, "fault delay arm-1 100ms\n")
-    assert told[0].held, told[0].seen
-    assert link.done == [(False, 0.1), (False, 0.0)]
-
-
 async def test_a_fault_ends_with_its_time(realm: Realm) -> None:
     link = Linked(realm)
     states: list[State] = []

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -83,15 +81,6 @@ def test_what_is_written_is_read_back(line: Line) -> None:
     assert read(grammar.form(line, SHAPES)) == line
 
 
-@given(text=st.text(max_size=60))
-def test_a_line_is_understood_or_refused_in_one_sentence(text: str) -> None:
-    with contextlib.suppress(BadLine, UnknownVerb):
-        words = grammar.split(text)
-        if words:
-            verb = grammar.parse(words, SHAPES, EVERYWHERE).verb
-            assert set(verb.split()) <= set(words)
-
-
 def test_an_option_outside_of_brackets_must_be_given() -> None:
     shapes = {"fly": grammar.shape("fly --to PLACE | --by WIND [--over HILL | --under BRIDGE]")}
     assert shapes["fly"].needed == (("to", "by"),)
@@ -119,11 +108,6 @@ def test_what_may_be_left_out_is_empty() -> None:
     assert read("call arm-1.get_info").many("PARAMETER=VALUE") == ()
 
 
-def test_quotes_hold_a_value_with_its_unit_together() -> None:
-    line = read("call mover.move x=0.4 z='30 cm' # not this")
-    assert line.many("PARAMETER=VALUE") == ("x=0.4", "z=30 cm")
-
-
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -144,16 +128,11 @@ def test_a_wrong_line_is_told_what_is_wrong_and_how_it_should_look(text: str, re
     assert reason in str(refusal.value)
 
 
-def test_a_mistyped_verb_is_guessed() -> None:
-    with pytest.raises(UnknownVerb, match="did you mean enslave"):
-        read("enslav mover.arm arm-1")
-
-
-@pytest.mark.parametrize("word", ["frob", "pods", "xyzzy", "sett", "lst"])
+@pytest.mark.parametrize("word", ["frob", "pods", "xyzzy", "sett", "lst", "enslav"])
 def test_only_a_near_verb_is_suggested(word: str) -> None:
     with pytest.raises(UnknownVerb) as refusal:
         read(f"{word} arm-1")
-    assert refusal.value.near == {"sett": ("set",), "lst": ("ls",)}.get(word, ())
+    assert refusal.value.near == {"sett": ("set",), "lst": ("ls",), "enslav": ("enslave",)}.get(word, ())
 
 
 def test_every_example_is_valid_and_is_of_its_own_verb() -> None:

@@ -193,7 +193,8 @@ async def test_tree_says_that_a_robot_is_late_which_has_not_answered_yet(
     assert drawn.doubt is None
 
 
-async def test_ls_says_how_each_robot_is(realm: Realm) -> None:
+async def test_ls_says_how_each_robot_is_and_cancel_ends_what_it_does(realm: Realm) -> None:
+    assert (await do(realm, "cancel arm-1")).text == "arm-1: it carried nothing out"
     await do(realm, "stop rover-1")
     realm.arm.pace = 1.0
     running = asyncio.create_task(do(realm, "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0"))
@@ -399,16 +400,6 @@ async def test_a_place_without_a_slot_is_told_which_slots_there_are(realm: Realm
             await do(realm, verb)
 
 
-async def test_cancel_ends_what_runs_or_says_that_nothing_ran(realm: Realm) -> None:
-    assert (await do(realm, "cancel arm-1")).text == "arm-1: it carried nothing out"
-    realm.arm.pace = 1.0
-    running = asyncio.create_task(do(realm, "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0"))
-    await until(lambda: bool(realm.arm.calls), "the arm moves")
-    await do(realm, "cancel arm-1")
-    with pytest.raises(VrError, match="cancelled"):
-        await running
-
-
 async def test_watch_tells_states_until_its_time_is_over(realm: Realm) -> None:
     listener = Listener()
     realm.arm.pace = 0.02
@@ -426,6 +417,9 @@ REFUSED: list[tuple[str, type[VrError], str]] = [
     ("call arm-1.go_to x=nan y=0 z=0 twist=0", BadArgument, "not a number"),
     ("call arm-1.go_to x='3 kg' y=0 z=0 twist=0", BadArgument, "give it in m"),
     ("call arm-1.go_to y=0 z=0 twist=0", BadArgument, "is missing"),
+    ("call arm-1.go_to x=0.3 y=0 x=0.4", ValueRefused, "x is given twice"),
+    ("call arm-1.go_to @shelf @desk", ValueRefused, "@shelf and @desk: a robot goes to one place"),
+    ("create {move_to} as a --isolate jail", ValueRefused, "'jail' is no level of isolation"),
     ("call arm-1.stumble", CommandFailed, "a stone [/x] lay there"),
     ("create nowhere.py as a", VrError, "cannot read"),
     ("create {readme} as a", BrokenSource, "cannot be loaded"),
@@ -445,6 +439,7 @@ REFUSED: list[tuple[str, type[VrError], str]] = [
 
 async def test_what_cannot_be_done_is_refused_in_one_sentence_and_loses_nothing(realm: Realm) -> None:
     await do(realm, f"create '{EXAMPLES / 'move_to.py'}' as mover")
+    realm.arm.calls.clear()
     paths = {
         "readme": EXAMPLES.parent / "README.md",
         "conftest": Path(__file__).with_name("test_values.py"),
@@ -456,6 +451,7 @@ async def test_what_cannot_be_done_is_refused_in_one_sentence_and_loses_nothing(
         assert says in str(refusal.value)
         assert "\n" not in str(refusal.value)
         assert {"arm-1", "rover-1", "mover"} == {robot.name for robot in realm.realm_client.robots()}
+    assert "go_to" not in realm.arm.calls, "nothing moves"
 
 
 async def test_a_service_takes_no_name_of_a_robot_that_is_away_and_one_that_is_refused_leaves_nothing(

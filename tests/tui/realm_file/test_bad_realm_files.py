@@ -47,6 +47,7 @@ MISTAKES = {
         3,
         "'host-1' stands here twice",
     ),
+    "a name that cannot be one": ("\nrobots:\n  ../x: {page: a.py}", 3, "'../x' cannot be a name"),
     "a robot and a proxy of one name": (
         "\nproxies:\n  arm-1: {kind: arm, connect: tcp:5760}\nrobots:\n  arm-1: {page: a.py}",
         5,
