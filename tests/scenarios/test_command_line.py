@@ -187,21 +187,6 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     assert proved == promised
 
 
-def test_an_error_is_plain_data_too(say: Say, capsys: pytest.CaptureFixture[str]) -> None:
-    (said,) = say("show", "nobody", code=exit_codes.REFUSED)
-    assert said["error"] == "NoSuchRobot"
-    assert main(["watch", "nobody", "--json"]) == exit_codes.REFUSED
-    assert json.loads(capsys.readouterr().err)["error"] == "NoSuchRobot"
-
-
-@pytest.mark.usefixtures("folder")
-def test_a_result_that_is_over_is_not_waited_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    script = tmp_path / "a.session"
-    script.write_text("call arm-1.get_info\nexpect result.x == 77 within 60s\n")
-    assert main(["run", str(script), "--json"]) == exit_codes.REFUSED
-    assert json.loads(capsys.readouterr().out)["wall_s"] < 5
-
-
 @pytest.mark.usefixtures("folder")
 def test_a_second_demo_in_a_realm_says_that_there_is_one(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--headless", "--realm", "default"]) == exit_codes.REFUSED

@@ -207,24 +207,6 @@ async def small(cell: Place) -> Place:
     return cell
 
 
-async def test_what_died_with_its_host_comes_back_and_nothing_else_is_touched(small: Place) -> None:
-    before = await small.shape()
-    async with joined(REALM) as realm_client:
-        kept = (await realm_client.describe("team")).address
-        await realm_client.create(str(small.folder / "team.py"), "stranger", host="host-2")
-    await killed(small.process_of("host-1"))
-    code, done, complaints = await small.apply("small.yaml")
-    assert code == exit_codes.DONE, complaints
-    assert [step["line"].split()[0] for step in done["steps"]][:3] == ["host", "create", "create"]
-    assert {step["reason"] for step in done["steps"][1:]} == {"host-1 has brought it back"}
-    assert done["left"] == ["stranger is not in the file"]
-    after = await small.shape()
-    assert after.pop("stranger")
-    assert after == before
-    async with joined(REALM) as realm_client:
-        assert (await realm_client.describe("team")).address == kept
-
-
 async def test_a_host_that_died_is_started_again_from_the_row_of_its_robot(small: Place) -> None:
     person = Person(REALM, columns=140, lines=40)
     try:
