@@ -77,6 +77,8 @@ async def test_a_session_ends_at_the_first_step_that_does_not_hold_and_says_what
     assert not report.ok
     assert told[-1].seen == "not within 0.2 s: -0.785"
     assert report.left == ("stop", "resume")
+    _, told = await play(realm, "call arm-1.get_info\nexpect result.x = 77 within 60s\n")
+    assert "within" not in told[-1].seen, "what is over is judged at once"
 
 
 async def test_a_refused_verb_ends_a_session_unless_it_was_tried(realm: Realm) -> None:

@@ -210,7 +210,7 @@ def robot(name: str, **attributes: str) -> RobotDescription:
     return RobotDescription(address=Address("robot", name, "a"), kinds=("Any",), attributes=attributes)
 
 
-def test_a_robot_without_a_place_has_no_transform() -> None:
+def test_a_robot_without_a_place_has_no_transform_and_a_base_carries_a_body() -> None:
     assert messages.transforms("lamp", {"brightness": 1.0}, None, 0.0) is None
     found = messages.transforms("rover-1", {"x": 1.0, "y": 2.0, "heading": math.pi}, None, 1.5)
     assert found is not None
@@ -218,3 +218,6 @@ def test_a_robot_without_a_place_has_no_transform() -> None:
     assert turned["timestamp"] == {"sec": 1, "nsec": 500_000_000}
     assert turned["parent_frame_id"] == "world"
     assert turned["rotation"]["z"] == pytest.approx(1.0)
+    legs = messages.transforms("legs", {"x": 1, "y": 2, "heading": 0}, robot("legs", controller="her"), 0.0)
+    assert legs is not None
+    assert [one["child_frame_id"] for one in legs["transforms"]] == ["legs", "her/body"]
