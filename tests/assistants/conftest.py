@@ -72,6 +72,7 @@ def text(answer: CallToolResult) -> str:
 @pytest.fixture
 async def hall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Hall]:
     monkeypatch.setattr(seats, "LEASE", 10 * PATIENCE)  # no request comes here, or it waits
+    monkeypatch.setattr(seats, "LOOKS", 0.02)
     async with opened(tmp_path) as found:
         yield found
 

@@ -13,7 +13,6 @@ import httpx2
 import pytest
 
 from robotree.assistants import record
-from robotree.assistants import seat as seats
 from robotree.assistants.keys import GOOD, AssistantKeys
 from robotree.assistants.record import Record
 from robotree.assistants.seat import Going
@@ -97,7 +96,7 @@ async def test_a_stop_of_a_robot_below_makes_a_permit_void(hall: Hall, stopped: 
         await hall.realm_client.enslave("lift-1", "cart", "cart-1")
         hall.rule(right="ask")
         with pytest.raises(PermitNeeded) as needed:
-            await hall.seat.call("lift-1", "raise_it", {"x": 1.0}, "w", 5.0)
+            await hall.seat.call("lift-1", "raise_it", {"x": 0.05}, "w", 5.0)
         permit = needed.value.data["permit"]
         hall.floor.permits.answer(permit, yes=True, by="anna")
         if stopped:
@@ -112,10 +111,7 @@ async def test_a_stop_of_a_robot_below_makes_a_permit_void(hall: Hall, stopped: 
             assert await going.wait(PATIENCE)
 
 
-async def test_a_key_that_was_replaced_ends_what_the_old_one_began(
-    hall: Hall, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(seats, "LOOKS", 0.02)
+async def test_a_key_that_was_replaced_ends_what_the_old_one_began(hall: Hall) -> None:
     going = await hall.far()
     hall.keys.invite("claude")
     assert await going.wait(PATIENCE)

@@ -77,13 +77,13 @@ async def test_its_robots_move_as_far_as_its_metres_go(hall: Hall) -> None:
 
 
 async def test_its_commands_run_as_long_as_its_seconds_go(hall: Hall) -> None:
-    hall.rule(", seconds: 1")
+    hall.rule(", seconds: 0.4")
     going = await hall.seat.call("cart-1", "wait", {}, "to see", 60.0)
-    assert going.call.deadline <= 1.0
+    assert going.call.deadline <= 0.4
     assert await going.wait(PATIENCE)
     assert going.error is not None
-    assert hall.seat.record.budget().left("seconds", hall.seat.terms, time.time()) < 0.5
-    hall.seat.record.change(lambda budget, now: budget.use("seconds", 0.5, now))
+    assert hall.seat.record.budget().left("seconds", hall.seat.terms, time.time()) < 0.2
+    hall.seat.record.change(lambda budget, now: budget.use("seconds", 0.2, now))
     with pytest.raises(BudgetSpent, match="seconds of motion"):
         await hall.walk(0.01)
 
@@ -121,8 +121,7 @@ async def test_when_it_is_gone_its_robots_do_what_the_policy_says(hall: Hall, go
     assert f"it has gone: {gone}" in [one.text for one in hall.seat.record.entries()]
 
 
-async def test_a_key_that_is_taken_back_ends_what_runs(hall: Hall, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(seats, "LOOKS", 0.02)
+async def test_a_key_that_is_taken_back_ends_what_runs(hall: Hall) -> None:
     going = await hall.far()
     hall.keys.revoke("claude")
     assert await going.wait(PATIENCE)
@@ -136,7 +135,6 @@ async def test_a_key_that_is_taken_back_ends_what_runs(hall: Hall, monkeypatch: 
 async def test_who_is_silent_while_something_runs_is_gone(
     hall: Hall, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(seats, "LOOKS", 0.02)
     going = await hall.far()
     hall.seat.open = 1  # a request waits for its answer: it is there
     monkeypatch.setattr(seats, "LEASE", 0.1)

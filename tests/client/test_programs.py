@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import pytest
 
 from robotree import connect, connect_async
+from robotree.client import asynchronous
 from robotree.client.blocking import Realm
 from robotree.vr import (
     BadArgument,
@@ -234,7 +235,7 @@ def test_a_program_attends_a_command_as_long_as_its_key_is_held(realm: Realm) ->
     with pytest.raises(NobodyAttends):
         ann.march()
     with ann.march.attended(lambda: held) as march:
-        wait_until(lambda: ann.readings.x > 1.5 * ATTENTION / 0.05 or march.done, "it goes on")
+        wait_until(lambda: ann.readings.x > 1.2 * ATTENTION / 0.05 or march.done, "it goes on")
         assert not march.done
         held = False
         with pytest.raises(CommandCancelled):
@@ -380,7 +381,10 @@ def test_readings_come_as_the_robot_publishes_them(realm: Realm) -> None:
         next(iter(realm["ann"].readings(hz=0)))
 
 
-def test_readings_of_a_robot_that_is_deleted_end_with_an_error(realm: Realm) -> None:
+def test_readings_of_a_robot_that_is_deleted_end_with_an_error(
+    realm: Realm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(asynchronous, "SILENCE", 0.1)
     readings = realm["ann"].readings(hz=100)
     next(iter(readings))
     realm.delete("ann")

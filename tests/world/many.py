@@ -54,7 +54,7 @@ def go_on(
                 broken += 1
                 tell(f"{family}: seed {seed}: {laws[0]}")
             played[family] = seed + 1
-            if seed % COLLECTED == 0:
+            if seed % COLLECTED == COLLECTED - 1:
                 gc.collect()
             if clock() >= ends:
                 break

@@ -136,8 +136,10 @@ def test_a_world_that_has_ended_can_be_forgotten() -> None:
             world.run(2.0)
         return weakref.ref(world)
 
+    gc.freeze()  # what was there before need not be looked through
     forgotten = play()
     gc.collect()
+    gc.unfreeze()
     assert forgotten() is None
 
 
@@ -166,6 +168,7 @@ def test_what_a_killed_process_had_opened_does_not_go_on_when_the_world_is_over(
         async with kept[0]:
             await asyncio.Event().wait()
 
+    gc.freeze()  # as above
     with World(1) as world:
         process = world.start("one", main)
         world.runner.at(1.0, process.kill)
@@ -174,4 +177,5 @@ def test_what_a_killed_process_had_opened_does_not_go_on_when_the_world_is_over(
     assert ended == ["first"]
     kept.clear()
     gc.collect()
+    gc.unfreeze()
     assert left == []
