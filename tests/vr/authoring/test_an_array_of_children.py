@@ -158,10 +158,3 @@ def test_a_group_of_impossible_size_is_refused() -> None:
     for least, most in ((-1, 2), (3, 2), (0, 0), (0, 1001)):
         with pytest.raises(TypeError, match="`least` is 0 or more"):
             Children("Rover", least=least, most=most)
-
-
-def test_a_list_of_child_is_refused_with_what_to_write() -> None:
-    with pytest.raises(TypeError, match=r"write: rovers = Children\('Rover', least=2, most=2\)"):
-
-        class Wrong(VirtualRobot):
-            rovers = [Child("Rover"), Child("Rover")]  # noqa: RUF012 # the mistake

@@ -176,11 +176,6 @@ def test_an_author_is_told_what_is_wrong_with_a_command() -> None:
         assert str(refused.value) == sentence
 
 
-def test_an_empty_range_is_refused_where_it_is_written() -> None:
-    with pytest.raises(ValueError, match="a range from 1 to 0 is empty"):
-        Range(1, 0)
-
-
 def test_the_inside_of_a_command_works_only_there() -> None:
     with pytest.raises(RuntimeError, match="only inside a running command"):
         Arm("arm-1").sleep(1)

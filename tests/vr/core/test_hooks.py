@@ -94,13 +94,6 @@ async def test_a_hook_that_raises_has_confirmed_nothing(
     await realm.until(lambda: valve.robot.trace[-1] == "closed")
 
 
-async def test_hooks_that_nobody_would_run_are_refused_when_the_class_is_made() -> None:
-    async def wait(self: VirtualRobot, reason: str) -> None: ...
-
-    with pytest.raises(TypeError, match=r"Waits\.safe_stop runs in a thread: write it without async"):
-        type("Waits", (VirtualRobot,), {"safe_stop": wait})
-
-
 async def test_what_a_hook_returns_to_wait_for_is_no_confirmation(
     realm: Any, realm_client: RealmClient
 ) -> None:
