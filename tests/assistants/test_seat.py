@@ -196,5 +196,3 @@ async def test_robots_of_one_kind_share_what_their_tools_have_in_common(hall: Ha
             {"tools": AssistantServer(hall.seat)._tools_page(None)[0], "resultType": "complete"}
         )
         assert "cart-3__walk" in {tool.name for tool in listed.tools}
-        hall.rule(right="resume")
-        assert hall.seat.tools() == {}, "what it may neither do nor ask for it is not shown"

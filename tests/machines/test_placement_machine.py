@@ -207,6 +207,7 @@ class Walks(RuleBasedStateMachine):
 
 
 TestWalks = Walks.TestCase
+TestWalks.settings = settings(max_examples=40, deadline=None)
 
 
 def test_the_rate_of_calls_is_known_soon_and_forgotten_soon() -> None:
