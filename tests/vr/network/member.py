@@ -93,13 +93,6 @@ async def robot(transport: LocalTransport, name: str) -> None:
     await transport.close()
 
 
-async def deaf(transport: LocalTransport, name: str) -> None:
-    """Be a robot whose event loop does nothing any more."""
-    await RobotAgent(Rover(name), transport).start()
-    say("ready")
-    TETHER.read()
-
-
 async def while_tethered(work: Coroutine[None, None, None]) -> None:
     """Do something until the standard input closes."""
     task = asyncio.ensure_future(work)
@@ -114,7 +107,6 @@ MEMBERS: dict[str, Callable[[LocalTransport, str], Awaitable[None]]] = {
     "leave-open": leave_open,
     "wait-for-interrupt": wait_for_interrupt,
     "robot": robot,
-    "deaf": deaf,
 }
 SERVICES: dict[str, Callable[..., Coroutine[None, None, None]]] = {
     "lookup": run_lookup,

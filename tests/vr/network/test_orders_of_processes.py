@@ -113,21 +113,6 @@ async def test_a_newcomer_says_at_once_whom_its_stop_did_not_reach_and_who_wakes
     assert newcomer.took < AT_ONCE
 
 
-async def test_nobody_is_told_to_end_by_force_a_process_that_only_is_not_heard(
-    start: Start, newcomer: Newcomer
-) -> None:
-    """It may answer others: only of a process that is stopped it is certain that it does not."""
-    deaf = await start("deaf", "deaf")
-    await deaf.ready()
-    pid = deaf.process.pid
-    with pytest.raises(NotConfirmed) as caught:
-        await newcomer.stop()
-    assert f"NOT by deaf (in process {pid}, which runs and could not be reached" in str(caught.value)
-    assert f"`kill {pid}` ends it" in str(caught.value)
-    assert "kill -9" not in str(caught.value)
-    assert len(newcomer.late) == 1
-
-
 async def test_a_stop_and_ls_name_a_frozen_process_whose_list_was_cut_and_it_stops_when_it_wakes(
     start: Start, newcomer: Newcomer, look: Look
 ) -> None:

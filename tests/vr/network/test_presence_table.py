@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -169,6 +170,8 @@ def test_a_newcomer_doubts_one_that_it_has_not_met_until_that_must_hang(
     peer.since -= known_for
     ((one, certain),) = newcomer.unheard("robot/*/*")
     assert (one.key, certain) == (ARM, hangs)
+    assert f"`kill {os.getpid()}` ends it" in one.remedy, "it is not stopped"
+    assert "kill -9" not in one.remedy, "it may answer others"
     assert newcomer.presence.lives(ARM)
     assert not newcomer.presence.there(ARM)
     newcomer.close().result(60.0)

@@ -50,6 +50,11 @@ async def test_an_order_is_carried_out_once_when_its_robot_is_back(stage: Stage)
     left = await person.orders.leave("r1", "drive", {"x": "50 cm"})
     assert (left.order.state, left.order.arguments["x"]) == ("waiting", 0.5)
     rover = Rover("r1")
+    agent = await stage.robot(rover, Ledger(None), identity="of-another-site")
+    await asyncio.sleep(20)
+    assert not rover.done, "it has the name alone"
+    await stage.switch_off(agent)
+    rover = Rover("r1")
     await stage.robot(rover, ledger)
     key = left.order.key
     await stage.until(lambda: directory.book.store.orders[key].over)
@@ -247,19 +252,6 @@ async def test_an_intent_that_no_directory_heard_of_begins_when_one_confirms_it(
     await stage.robot(rover, ledger)
     await stage.until(lambda: directory.book.store.orders[order.key].over)
     assert (directory.book.store.orders[order.key].state, rover.done) == ("done", [order.key])
-
-
-async def test_two_robots_of_one_name_share_no_order(stage: Stage) -> None:
-    _, person, ledger = await furnished(stage)
-    key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
-    other = Rover("r1")
-    agent = await stage.robot(other, Ledger(None), identity="of-another-site")
-    await asyncio.sleep(20)
-    assert not other.done
-    await stage.switch_off(agent)
-    rover = Rover("r1")
-    await stage.robot(rover, ledger)
-    await stage.until(lambda: rover.done == [key])
 
 
 async def test_a_command_that_has_changed_is_refused(stage: Stage) -> None:
