@@ -107,14 +107,9 @@ def secret_of(passphrase: str) -> bytes:
 
 
 class HeardTime:
-    """The newest timestamp that was accepted from others.
+    """The newest timestamp that was accepted from others."""
 
-    Args:
-        newest: of an earlier run.
-    """
-
-    def __init__(self, newest: int = 0) -> None:
-        self.newest = newest
+    newest = 0
 
     def note(self, timestamp: int) -> None:
         """A timestamp is accepted that is later than all before."""

@@ -301,9 +301,12 @@ class RobotProxy(Robot):
         if life is not None:  # an earlier process may have asked for it: the controller knows
             pending = start(ASK, repeatable=False)
             self._follow(pending)
-            if not _is_new(pending):
-                self._raise_outcome(pending, effect)
-                return
+            match pending.end:
+                case GoalEnded(state=GoalState.UNKNOWN, reason=why) if why != Reason.OTHER_LIFE:
+                    pass  # the controller does not know it, in the life that was asked about: it is new
+                case _:
+                    self._raise_outcome(pending, effect)
+                    return
         before()
         pending = start(motion.request(), repeatable=effect != "once")
         self._follow(pending)
@@ -521,12 +524,6 @@ class RobotProxy(Robot):
                 self.on_change()
             case _:
                 self._pending.handle(event)
-
-
-def _is_new(pending: PendingGoal) -> bool:
-    """Whether the controller has answered, in the life that was asked about, that it does not know a goal."""
-    end = pending.end
-    return isinstance(end, GoalEnded) and end.state == GoalState.UNKNOWN and end.reason != Reason.OTHER_LIFE
 
 
 def _has_news(pending: PendingGoal, shown: float) -> bool:

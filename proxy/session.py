@@ -310,7 +310,7 @@ class ControllerSession:
         claim, moving = self._claim, self._goals.pursuing
         silence = self._silence_reported() if moving else math.inf  # which matters only then
         claimed = math.inf if claim is None else claim.due(silence, moving=moving)
-        beat = self._heartbeats.due_for(math.inf if claim is not None and claim.granted else silence)
+        beat = self._heartbeats.due_for(self._beats_kept_for())
         return min(due, claimed, beat, self._commands.due, max(self._opened_at, self.heard_at) + DEAD)
 
     def tick(self, now: float) -> list[SessionEffect]:
@@ -397,23 +397,20 @@ class ControllerSession:
         self._claim.raise_to(epoch)
         return self._claim.epoch
 
-    def _is_introduced(self) -> bool:
-        """Whether the controller has sent on this link its heartbeat, its mode, and the answer to our claim.
-
-        So its life is known before the first goal. One that sends no mode counts from its second heartbeat.
-        """
-        if self._claim is not None and not self._claim.settled:
-            return False
-        has_report = self._report is not None and self._report.heard_at >= self._opened_at
-        return self._beats > 1 or (self._beats == 1 and has_report)
-
     def _introduction(self, now: float) -> list[SessionEffect]:
-        """Go online once the controller is introduced; until then say what is missing."""
-        if self._is_introduced():
+        """Go online once this link has brought the heartbeat, the mode, and the answer to our claim.
+
+        So the controller's life is known before the first goal. One that sends no mode counts from its second
+        heartbeat. Until then `trouble` says what is missing.
+        """
+        has_report = self._report is not None and self._report.heard_at >= self._opened_at
+        if self._claim is not None and not self._claim.settled:
+            missing = UNANSWERED
+        elif self._beats > 1 or (self._beats == 1 and has_report):
             self._goals.meet()
             return self._set_online(online=True, trouble="") + self._ask_for_rates(now)
-        unanswered = self._claim is not None and not self._claim.settled
-        missing = UNANSWERED if unanswered else INCOMPLETE.format("MODE" if self._beats else "HEARTBEAT")
+        else:
+            missing = INCOMPLETE.format("MODE" if self._beats else "HEARTBEAT")
         self.trouble = self.rejection or missing
         return []
 

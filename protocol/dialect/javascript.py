@@ -81,7 +81,7 @@ def _message(message: MAVType) -> str:
     constants = {
         _camel(each.name): each.const_value for each in message.fields if each.const_value is not None
     }
-    named = f"{_js(_pascal(message.name))}, {_js(message.name)}"
+    named = f"{_js(message.name.title().replace('_', ''))}, {_js(message.name)}"
     numbers = f"{message.id}, {message.wire_length}, {message.crc_extra}"
     return f"message({named}, {numbers}, [\n{fields}]{', ' + _js(constants) if constants else ''});\n"
 
@@ -92,10 +92,6 @@ def _field(field: MAVField, *, extension: bool) -> list[str | int | bool]:
     kind = f"{field.type}[]" if field.array_length else field.type
     names = (field.name, _camel(field.name))
     return [*names, field.wire_offset, extension, size, kind, field.units.strip("[]"), field.array_length]
-
-
-def _pascal(name: str) -> str:
-    return name.title().replace("_", "")
 
 
 def _camel(name: str) -> str:

@@ -37,10 +37,6 @@ Below `LAST_EPOCH` by 191 million leases, so that one forged epoch leaves room a
 """
 
 
-def _no_clock() -> float:
-    return 0.0
-
-
 class Fence:
     """The highest epoch obeyed, and who was granted it.
 
@@ -58,7 +54,7 @@ class Fence:
         holder: int = 0,
         name: str = "",
         *,
-        clock: Callable[[], float] = _no_clock,
+        clock: Callable[[], float] = lambda: 0.0,
         keep: Callable[[Fence], None] = lambda _: None,
     ) -> None:
         self.epoch, self.holder, self.name = epoch, holder, name

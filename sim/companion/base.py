@@ -196,7 +196,8 @@ class Base(Device):
                 raise BadArgument(name, value, "a finite number of metres")
         origin = self._origin()
         goal = origin + np.array((args[0], args[1], 0.0))
-        self._must_be_free(self._floor().on_the_line(_point(origin), _point(goal)))
+        if (blocked := self._floor().on_the_line(_point(origin), _point(goal))) is not None:
+            raise self._blocked(blocked)
         return self._beginning([goal], self._speed(args[2]))
 
     def _turn(self, args: tuple[float, ...]) -> Start:
@@ -254,10 +255,6 @@ class Base(Device):
         if (objection := self._body.tipping(None)) is not None:
             raise Forbidden(objection)
         return Floor(self._body.people(), self.tuning.distance)
-
-    def _must_be_free(self, blocked: Blocked | None) -> None:
-        if blocked is not None:
-            raise self._blocked(blocked)
 
     def _blocked(self, blocked: Blocked) -> Forbidden:
         if blocked.person:

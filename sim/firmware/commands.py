@@ -59,6 +59,8 @@ _WIDTHS: Final[Mapping[float, float]] = {
 """[m] between the fingers that DO_GRIPPER means; NaN: as they are."""
 
 _LEGACY: Final = LegacySetMode.codec.definition.id
+NO_TERMINATION: Final = "A termination is not taken back; arm to release the stop."
+NO_REBOOT: Final = "It accepts no reboot over the wire; end its process and start it again."
 
 Arguments = Callable[[Request], tuple[float, ...]]
 """The (7,) arguments of a verb from a command's parameters."""
@@ -120,10 +122,10 @@ class Commands:
             moving[MavCmd.DO_GRIPPER] = self._gripper
         always: dict[int, Handler] = {
             MavCmd.COMPONENT_ARM_DISARM: self._stop_or(self._arm),
-            MavCmd.DO_FLIGHTTERMINATION: self._stop_or(self._terminate),
+            MavCmd.DO_FLIGHTTERMINATION: self._stop_or(self._never(NO_TERMINATION)),
             MavCmd.DO_SET_MODE: self._stop_or(self._set_mode),
             MavCmd.DO_PAUSE_CONTINUE: self._pause_or_continue,
-            MavCmd.PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
+            MavCmd.PREFLIGHT_REBOOT_SHUTDOWN: self._never(NO_REBOOT),
             MavCmd.REQUEST_OPERATOR_CONTROL: rights.control.handle,
         }
         self._server = CommandServer(moving, {**always, **questions}, turn=lambda: movement.turns)
@@ -216,9 +218,6 @@ class Commands:
             return self._refuse(MavResult.DENIED, "Arm with 1, disarm with 0.")
         return self._released(request)
 
-    def _terminate(self, _: Request, __: float) -> Answer:
-        return self._refuse(MavResult.DENIED, "A termination is not taken back; arm to release the stop.")
-
     def _set_mode(self, request: Request, now: float) -> Answer:
         main, sub = request.param(2), request.param(3)
         if (main, sub) == PX4_HOLD or main == ModeKind.HOLD:
@@ -250,11 +249,6 @@ class Commands:
             )
         return Answer(MavResult.ACCEPTED)
 
-    def _reboot(self, _: Request, __: float) -> Answer:
-        return self._refuse(
-            MavResult.DENIED, "It accepts no reboot over the wire; end its process and start it again."
-        )
-
     def _released(self, request: Request) -> Answer:
         """Release the stop, or answer a release that was answered before without doing anything."""
         answer = self._allowed(request, lambda: self._release_once(repeated=request.repeated))
@@ -279,6 +273,9 @@ class Commands:
         if (why := self._rights.why_not(request.peer)) is not None:
             return self._refuse(MavResult.TEMPORARILY_REJECTED, why, Reason.NOT_IN_CONTROL)
         return do()
+
+    def _never(self, text: str) -> Handler:
+        return lambda _, __: self._refuse(MavResult.DENIED, text)
 
     def _refuse(self, result: MavResult, text: str, reason: Reason = Reason.NONE) -> Answer:
         chunks = tuple(self._announcer.chunks(MavSeverity.WARNING, text))

@@ -11,9 +11,7 @@ from robotree.protocol.messages import (
     AutopilotVersion,
     MavProtocolCapability,
     Message,
-    ProtocolVersion,
     SysStatus,
-    SystemTime,
 )
 from robotree.protocol.services import version
 from robotree.protocol.services.setpoint import SetpointStatistics
@@ -21,11 +19,6 @@ from robotree.protocol.services.setpoint import SetpointStatistics
 UNKNOWN_VOLTAGE: Final = 0xFFFF
 NOTHING_MORE: Final = MavProtocolCapability(0)
 _LARGEST: Final = 0xFFFF
-_MICRO: Final = 1_000_000
-
-
-def _never() -> float:
-    return 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +36,7 @@ class Identity:
     version: str = "0.0.0"
     uid: int = 1
     capabilities: MavProtocolCapability = NOTHING_MORE
-    wall: Callable[[], float] = _never
+    wall: Callable[[], float] = lambda: 0.0
     life: int = 1
 
 
@@ -90,16 +83,6 @@ def autopilot_version(identity: Identity) -> AutopilotVersion:
     return version.autopilot_version(
         identity.version, identity.uid, version.CAPABILITIES | identity.capabilities
     )
-
-
-def protocol_version() -> ProtocolVersion:
-    """Which MAVLink is spoken."""
-    return version.protocol_version()
-
-
-def system_time(identity: Identity, now: int) -> SystemTime:
-    """The wall clock beside controller time [ms]."""
-    return SystemTime(round(identity.wall() * _MICRO), now)
 
 
 def sys_status(gauges: Gauges, setpoints: SetpointStatistics) -> Message:

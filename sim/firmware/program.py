@@ -7,7 +7,6 @@ Pure: no socket, no thread, no clock. `now` is controller time in whole millisec
 """
 
 from collections.abc import Callable, Hashable, Sequence
-from functools import partial
 from math import inf
 from typing import Final, TypeVar
 
@@ -60,15 +59,15 @@ from robotree.protocol.services import (
     ping,
     standard_modes,
     timesync,
+    version,
 )
 from robotree.protocol.services.claim_server import ClaimServer
 from robotree.protocol.services.command import Answer, Handler, Request
 from robotree.protocol.services.fence import Fence
 from robotree.protocol.services.peer import Peer
-from robotree.sim.firmware import description
 from robotree.sim.firmware.claims import Claims
 from robotree.sim.firmware.commands import Commands
-from robotree.sim.firmware.description import Gauges, Identity
+from robotree.sim.firmware.description import Gauges, Identity, autopilot_version, sys_status
 from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.goals import Goals
 from robotree.sim.firmware.metadata import Metadata
@@ -340,9 +339,9 @@ class Firmware:
             stream_of(CurrentMode, CURRENT_MODE_PERIOD, lambda _: standard_modes.current(self.mode)),
             stream_of(SysStatus, STATUS_PERIOD, self._sys_status),
             stream_of(ComponentMetadata, None, self._metadata.told),
-            stream_of(SystemTime, None, partial(description.system_time, identity)),
-            stream_of(AutopilotVersion, None, lambda _: description.autopilot_version(identity)),
-            stream_of(ProtocolVersion, None, lambda _: description.protocol_version()),
+            stream_of(SystemTime, None, lambda now: SystemTime(round(1e6 * identity.wall()), now)),
+            stream_of(AutopilotVersion, None, lambda _: autopilot_version(identity)),
+            stream_of(ProtocolVersion, None, lambda _: version.protocol_version()),
         )
 
     def _questions(self) -> dict[int, Handler]:
@@ -375,7 +374,7 @@ class Firmware:
         }
 
     def _sys_status(self, _: int) -> Message:
-        return description.sys_status(self.gauges, self._setpoints.statistics)
+        return sys_status(self.gauges, self._setpoints.statistics)
 
 
 def _route(

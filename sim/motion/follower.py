@@ -8,11 +8,12 @@ it would add its damping force, 28 N instead of 15 N at the table).
 Pure: seconds and loads in, references out.
 """
 
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from robotree.sim.motion.path import Path, Reference
+from robotree.sim.motion.pursuit import Pursuit
 from robotree.sim.physics.vectors import Vector
 
 LEASH_SLACK: Final = 0.6
@@ -21,14 +22,6 @@ BLOCKED_AFTER: Final = 2.0
 """[s] at a standstill with the leash taut after which the way counts as blocked."""
 _STANDSTILL: Final = 0.02
 """Share of the path's own pace below which it stands."""
-
-
-class Chase(Protocol):
-    """Something that leads the attractor without a path."""
-
-    def advance(self, dt: float, pace: float) -> Reference:
-        """Lead on for `dt` [s] at a share `pace` of the full pace."""
-        ...
 
 
 class Follower:
@@ -41,7 +34,7 @@ class Follower:
     def __init__(self, at: Vector) -> None:
         self.reference = Reference(np.array(at), np.zeros(len(at)))
         self._path: Path | None = None
-        self._chase: Chase | None = None
+        self._chase: Pursuit | None = None
         self._time = 0.0
         self._taut = 0.0
 
@@ -66,7 +59,7 @@ class Follower:
         """Leave whatever is being followed and begin `path`."""
         self._path, self._chase, self._time, self._taut = path, None, 0.0, 0.0
 
-    def chase(self, chase: Chase) -> None:
+    def chase(self, chase: Pursuit) -> None:
         """Leave whatever is being followed and be led by `chase`."""
         self._path, self._chase, self._taut = None, chase, 0.0
 

@@ -74,8 +74,7 @@ class Server:
 
         Where `MAX_CLIENTS` are served already, the one that has been silent for the longest time makes
         room: at once if it never spoke, else after `SILENT_AFTER`. Where all speak, the newcomer is told so
-            and
-        sent away; only its stops are heard.
+        and sent away; only its stops are heard.
         """
         if len(self._connections) >= MAX_CLIENTS and not self._make_room():
             return self._refuse(link)

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Generator
     from io import BufferedReader
 
-    from robotree.protocol.parser import Verifier
     from robotree.protocol.tools.capture.decode import Decoded, DecoderStatistics, Reader
     from robotree.protocol.tools.capture.records import Captured
 
@@ -49,13 +48,12 @@ class Recording:
     Args:
         name: of the file; `-`: standard input.
         form: its format, one of `READERS`; empty: it is detected.
-        verifier: asked about every intact frame.
 
     Raises:
         BadRecording: there is no such format, or the file cannot be read.
     """
 
-    def __init__(self, name: str, form: str = "", verifier: Verifier | None = None) -> None:
+    def __init__(self, name: str, form: str = "") -> None:
         if form and form not in READERS:
             raise BadRecording(name, f"{form!r} is no format; there is {', '.join(READERS)}")
         self.name = "standard input" if name == STANDARD_INPUT else name
@@ -65,7 +63,7 @@ class Recording:
             self._head += piece
         self.form = form or detect(self._head, name)
         self._reader: Reader = READERS[self.form]()
-        self._decoder = Decoder(self.form, self._reader, verifier)
+        self._decoder = Decoder(self.form, self._reader)
 
     @property
     def statistics(self) -> DecoderStatistics:

@@ -142,9 +142,7 @@ async def _tried(rule: Rule, trial: Trial) -> Result:
         await rule.check(trial)
     except NotTried as error:
         return result(Outcome.NOT_TRIED, error)
-    except RuleBroken as error:
-        return result(Outcome.BROKEN, error)
-    except LinkError as error:
+    except (RuleBroken, LinkError) as error:
         return result(Outcome.BROKEN, error)
     return result(Outcome.KEPT)
 

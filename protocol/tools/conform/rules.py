@@ -189,23 +189,36 @@ async def _cancel(t: Trial) -> None:
 async def _cancelled(t: Trial, goal: Goal, **options: int) -> None:
     """Cancel the running goal, and check that it ends so."""
     t.line.say(t.cancel(goal.key, **options))
-    expect_status(await t.status(goal.key, FIRST, *FINAL), GoalState.CANCELLED, reason=Reason.OPERATOR)
+    await _ended(t, goal, Reason.OPERATOR)
+
+
+async def _ended(t: Trial, goal: Goal, reason: Reason) -> None:
+    """Check that a goal ends as cancelled."""
+    expect_status(await t.status(goal.key, FIRST, *FINAL), GoalState.CANCELLED, reason=reason)
+
+
+async def _held(t: Trial, epoch: int | None = None) -> Goal:
+    """Have a goal reached that moves nothing."""
+    hold = t.goal(Verb.HOLD, epoch=epoch)
+    t.line.say(hold)
+    await t.status(hold.key, FIRST, GoalState.SUCCEEDED)
+    return hold
 
 
 @_rule("hold", MUST, "takes HOLD as a goal that ends the running one and is reached at once")
 async def _hold(t: Trial) -> None:
     goal, hold = await t.begin(), t.goal(Verb.HOLD)
     t.line.say(hold)
-    expect_status(await t.status(goal.key, FIRST, *FINAL), GoalState.CANCELLED, reason=Reason.SUPERSEDED)
+    await _ended(t, goal, Reason.SUPERSEDED)
     await t.status(hold.key, FIRST, GoalState.SUCCEEDED)
 
 
 @_rule("newest", MUST, "ends the running goal as CANCELLED, SUPERSEDED when a newer one begins")
 async def _newest(t: Trial) -> None:
     first = await t.begin()
-    second = t.goal(*await t.far())
+    second = await t.movement()
     t.line.say(second)
-    expect_status(await t.status(first.key, FIRST, *FINAL), GoalState.CANCELLED, reason=Reason.SUPERSEDED)
+    await _ended(t, first, Reason.SUPERSEDED)
     expect_status(await t.ask(msgspec.structs.replace(second, verb=Verb.STATUS)), GoalState.ACTIVE)
 
 
@@ -242,6 +255,12 @@ async def _time_to_live(t: Trial) -> None:
 FINAL = tuple(state for state in GoalState if state.final)
 
 
+def _stays(mode: Mode, reason: Reason, release: str) -> None:
+    """Check that a release is refused for a reason."""
+    right = (mode.mode, mode.reason) == (ModeKind.SAFE_STOP, reason)
+    require(right, f"{release} is answered by mode {mode.mode}, reason {mode.reason}")
+
+
 def _question(goal: Goal) -> Goal:
     return msgspec.structs.replace(goal, verb=Verb.STATUS, args=NO_ARGS)
 
@@ -264,17 +283,13 @@ async def _key_repeat(t: Trial) -> None:
 
 @_rule("key-nan", MUST, "compares the content bit by bit, so that NaN equals NaN")
 async def _key_nan(t: Trial) -> None:
-    hold = t.goal(Verb.HOLD)
-    t.line.say(hold)
-    await t.status(hold.key, FIRST, GoalState.SUCCEEDED)
+    hold = await _held(t)
     expect_status(await t.ask(hold), GoalState.SUCCEEDED)
 
 
 @_rule("key-larger-epoch", SHOULD, "obeys the larger epoch of a repeated goal")
 async def _key_larger_epoch(t: Trial) -> None:
-    hold = t.goal(Verb.HOLD)
-    t.line.say(hold)
-    await t.status(hold.key, FIRST, GoalState.SUCCEEDED)
+    hold = await _held(t)
     epoch = t.epoch + 2
     obeyed_epoch = (await t.ask(msgspec.structs.replace(hold, epoch=epoch))).epoch
     require(obeyed_epoch == epoch, f"epoch {epoch} came with a repeated goal, and it obeys {obeyed_epoch}")
@@ -307,8 +322,7 @@ async def _key_question(t: Trial) -> None:
     "answers UNKNOWN to a cancel of a new key, and does not begin its goal when it comes",
 )
 async def _key_cancelled(t: Trial) -> None:
-    verb, args = await t.far()
-    goal = t.goal(verb, args)
+    goal = await t.movement()
     expect_status(await t.ask(t.cancel(goal.key)), GoalState.UNKNOWN)
     expect_status(await t.ask(goal), GoalState.UNKNOWN)
     await t.stands()
@@ -318,24 +332,17 @@ async def _key_cancelled(t: Trial) -> None:
 async def _key_of_sender(t: Trial) -> None:
     goal = await t.begin()
     expect_status(await t.ask(_question(goal), SECOND), GoalState.UNKNOWN)
-    verb, args = await t.far()
-    other = t.goal(verb, args, key=goal.key)
-    expect_status(await t.ask(other, SECOND), GoalState.ACTIVE, GoalState.ACCEPTED)
+    await t.begin(SECOND, key=goal.key)
 
 
 @_rule("key-zero", MUST, "refuses key 0 as BAD_ARGUMENT")
 async def _key_zero(t: Trial) -> None:
-    verb, args = await t.far()
-    status = await t.ask(t.goal(verb, args, key=0))
-    expect_status(status, GoalState.REFUSED, reason=Reason.BAD_ARGUMENT)
+    expect_status(await t.ask(await t.movement(key=0)), GoalState.REFUSED, reason=Reason.BAD_ARGUMENT)
 
 
 @_rule("keys-kept", MUST, f"keeps the last {KEPT} keys, also those of refused goals")
 async def _keys_kept(t: Trial) -> None:
-    first = t.goal(Verb.HOLD)
-    t.line.say(first)
-    await t.status(first.key, FIRST, GoalState.SUCCEEDED)
-    last = first
+    first = last = await _held(t)
     for number in range(1, KEPT):
         last = t.goal(UNKNOWN_VERB)
         t.line.say(last)
@@ -352,11 +359,8 @@ async def _keys_kept(t: Trial) -> None:
     "epoch-stale", MUST, "refuses a new goal with a smaller epoch as STALE_EPOCH, and does not keep its key"
 )
 async def _epoch_stale(t: Trial) -> None:
-    hold = t.goal(Verb.HOLD, epoch=t.epoch + 2)
-    t.line.say(hold)
-    await t.status(hold.key, FIRST, GoalState.SUCCEEDED)
-    verb, args = await t.far()
-    stale = t.goal(verb, args, epoch=t.epoch - 1)
+    await _raise_epoch(t)
+    stale = await t.movement(epoch=t.epoch - 1)
     expect_status(await t.ask(stale), GoalState.REFUSED, reason=Reason.STALE_EPOCH)
     await t.stands()
     fresh = msgspec.structs.replace(stale, epoch=t.epoch)
@@ -367,13 +371,11 @@ async def _epoch_stale(t: Trial) -> None:
 async def _epoch_late(t: Trial) -> None:
     before = t.epoch
     for epoch in LATE_EPOCHS:
-        verb, args = await t.far()
-        for message in (t.goal(verb, args, epoch=epoch), t.cancel(0, epoch)):
+        for message in (await t.movement(epoch=epoch), t.cancel(0, epoch)):
             expect_status(await t.ask(message), GoalState.REFUSED, reason=Reason.BAD_EPOCH)
         await t.set_mode(ModeKind.SAFE_STOP)
         mode = await t.set_mode(ModeKind.READY, epoch=epoch)
-        right = (mode.mode, mode.reason) == (ModeKind.SAFE_STOP, Reason.BAD_EPOCH)
-        require(right, f"a release with epoch {epoch} is answered by mode {mode.mode}, reason {mode.reason}")
+        _stays(mode, Reason.BAD_EPOCH, f"a release with epoch {epoch}")
         require(mode.epoch == before, f"it obeys epoch {mode.epoch} after a release with {epoch}")
         await t.set_mode(ModeKind.READY)
         if t.life:
@@ -401,7 +403,7 @@ async def _epoch_of_cancel_0(t: Trial) -> None:
     await asyncio.sleep(0.2)
     expect_status(await t.ask(_question(goal)), GoalState.ACTIVE)
     t.line.say(t.cancel(0))
-    expect_status(await t.status(goal.key, FIRST, *FINAL), GoalState.CANCELLED, reason=Reason.OPERATOR)
+    await _ended(t, goal, Reason.OPERATOR)
 
 
 @_rule("epoch-told", MUST, "gives the highest epoch obeyed in MODE and in each status")
@@ -416,9 +418,7 @@ async def _epoch_told(t: Trial) -> None:
 async def _raise_epoch(t: Trial) -> int:
     """Have a larger epoch obeyed."""
     epoch = t.epoch + 2
-    hold = t.goal(Verb.HOLD, epoch=epoch)
-    t.line.say(hold)
-    await t.status(hold.key, FIRST, GoalState.SUCCEEDED)
+    await _held(t, epoch=epoch)
     return epoch
 
 
@@ -453,8 +453,7 @@ async def _stop_broadcast(t: Trial) -> None:
 async def _stop_goals(t: Trial) -> None:
     await t.begin()
     await t.set_mode(ModeKind.SAFE_STOP)
-    verb, args = await t.far()
-    expect_status(await t.ask(t.goal(verb, args)), GoalState.REFUSED, reason=Reason.STOPPED)
+    expect_status(await t.ask(await t.movement()), GoalState.REFUSED, reason=Reason.STOPPED)
     mode = await t.set_mode(ModeKind.READY)
     require(mode.mode == ModeKind.READY, f"a release with epoch {t.epoch} is answered with mode {mode.mode}")
     await t.stands()
@@ -465,8 +464,7 @@ async def _stop_release(t: Trial) -> None:
     await _raise_epoch(t)
     await t.set_mode(ModeKind.SAFE_STOP)
     mode = await t.set_mode(ModeKind.READY, epoch=t.epoch - 1)
-    right = (mode.mode, mode.reason) == (ModeKind.SAFE_STOP, Reason.STALE_EPOCH)
-    require(right, f"it is answered by mode {mode.mode}, reason {mode.reason}")
+    _stays(mode, Reason.STALE_EPOCH, "it")
 
 
 @_rule(
@@ -504,8 +502,7 @@ async def _stop_later(t: Trial) -> None:
     await t.set_mode(ModeKind.READY, stops=seen)
     await t.set_mode(ModeKind.SAFE_STOP)
     mode = await t.set_mode(ModeKind.READY, stops=seen)
-    right = (mode.mode, mode.reason) == (ModeKind.SAFE_STOP, Reason.STOPPED)
-    require(right, f"the later stop is answered by mode {mode.mode}, reason {mode.reason}")
+    _stays(mode, Reason.STOPPED, "a release that names the earlier stop")
 
 
 # -- silence and the end of a link
@@ -514,6 +511,11 @@ async def _stop_later(t: Trial) -> None:
 def _silence(t: Trial) -> float:
     """[s] of our time for which the controller bears silence."""
     return _silence_ms(t) / 1000 / t.pace
+
+
+def _needs_tcp(t: Trial) -> None:
+    if not t.url.startswith("tcp:"):
+        raise NotTried("only over TCP does a controller see the end of a link at once")
 
 
 def _silence_ms(t: Trial) -> int:
@@ -596,8 +598,7 @@ async def _silence_idle(t: Trial) -> None:
 
 @_rule("link-end", MUST, "holds at once when the link over which a movement was commanded ends (over TCP)")
 async def _link_end(t: Trial) -> None:
-    if not t.url.startswith("tcp:"):
-        raise NotTried("only over TCP does a controller see the end of a link at once")
+    _needs_tcp(t)
     goal = await t.begin()
     await t.restart()
     began = t.now()
@@ -640,8 +641,7 @@ def _other_life(t: Trial) -> int:
 @_rule("life-of-goal", MUST, "answers a goal for another life with UNKNOWN, OTHER_LIFE, and does not keep it")
 async def _life_of_goal(t: Trial) -> None:
     other = _other_life(t)
-    verb, args = await t.far()
-    goal = t.goal(verb, args, life=other)
+    goal = await t.movement(life=other)
     expect_status(await t.ask(goal), GoalState.UNKNOWN, reason=Reason.OTHER_LIFE)
     await t.stands()
     expect_status(
@@ -656,8 +656,7 @@ async def _life_of_release(t: Trial) -> None:
     other = _other_life(t)
     await t.set_mode(ModeKind.SAFE_STOP)
     mode = await t.set_mode(ModeKind.READY, life=other)
-    right = (mode.mode, mode.reason) == (ModeKind.SAFE_STOP, Reason.OTHER_LIFE)
-    require(right, f"the release is answered by mode {mode.mode}, reason {mode.reason}")
+    _stays(mode, Reason.OTHER_LIFE, "the release")
     reason = (await t.request(5, life=other)).reason
     require(reason == Reason.OTHER_LIFE, f"the claim is answered with reason {reason}")
     status = await t.ask(t.cancel(0, life=other))
@@ -710,13 +709,11 @@ async def _claim_second(t: Trial) -> None:
 async def _claim_goals(t: Trial) -> None:
     await _claimed(t)
     epoch = t.epoch
-    verb, args = await t.far()
-    status = await t.ask(t.goal(verb, args, epoch=epoch + 5), SECOND)
+    status = await t.ask(await t.movement(epoch=epoch + 5), SECOND)
     expect_status(status, GoalState.REFUSED, reason=Reason.NOT_IN_CONTROL)
     await t.set_mode(ModeKind.SAFE_STOP)
     mode = await t.set_mode(ModeKind.READY, epoch=epoch + 5, sender=SECOND)
-    right = (mode.mode, mode.reason) == (ModeKind.SAFE_STOP, Reason.NOT_IN_CONTROL)
-    require(right, f"a release of another sender is answered by mode {mode.mode}, reason {mode.reason}")
+    _stays(mode, Reason.NOT_IN_CONTROL, "a release of another sender")
     require(mode.epoch == epoch, f"it obeys epoch {mode.epoch} of a sender that holds no claim")
 
 
@@ -799,11 +796,9 @@ async def _claim_malformed(t: Trial) -> None:
 )
 async def _claim_link(t: Trial) -> None:
     t.needs_claims()
-    if not t.url.startswith("tcp:"):
-        raise NotTried("only over TCP does a controller see the end of a link at once")
+    _needs_tcp(t)
     async with t.second_line() as line:
-        epoch = t.epoch + 1
-        await t.request(5, epoch=epoch, line=line)
+        await t.request(5, line=line)
     await asyncio.sleep(0.1)
     early = await t.request(6, sender=SECOND)
     require(
@@ -819,8 +814,7 @@ async def _claim_link(t: Trial) -> None:
 @_rule("target", MUST, "ignores messages for another system")
 async def _target(t: Trial) -> None:
     other = t.controller[0] + 1
-    verb, args = await t.far()
-    goal = t.goal(verb, args)
+    goal = await t.movement()
     t.line.say(msgspec.structs.replace(goal, target_system=other))
     t.line.say(SetMode(0, other, t.controller[1], ModeKind.SAFE_STOP))
     await asyncio.sleep(0.3)
@@ -831,8 +825,7 @@ async def _target(t: Trial) -> None:
 @_rule("noise", MUST, "is not confused by random bytes and torn frames")
 async def _noise(t: Trial) -> None:
     chance = random.Random(1)
-    verb, args = await t.far()
-    goal = t.goal(verb, args)
+    goal = await t.movement()
     frame = encode(goal, sequence=0, system=FIRST[0], component=FIRST[1])
     for _ in range(40):
         torn = bytearray(frame[: chance.randint(1, len(frame))])

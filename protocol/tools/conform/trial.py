@@ -60,6 +60,8 @@ SLOWEST = 0.2
 TIMES = 10
 """MODEs from which the controller's pace is known: those of five seconds, or fewer where it changes."""
 NO_ARGS = padded(())
+REFUSALS = {Reason.STOPPED, Reason.STALE_EPOCH, Reason.NOT_IN_CONTROL, Reason.BAD_EPOCH, Reason.OTHER_LIFE}
+"""Reasons why a release is not obeyed."""
 
 
 class RuleBroken(Exception):
@@ -413,14 +415,18 @@ class Trial:
             f"a GOAL_STATUS {named}".strip(),
         )
 
+    async def movement(self, **options: int) -> Goal:
+        """A goal for a movement that no rule waits for; it is not sent."""
+        verb, args = await self.far()
+        return self.goal(verb, args, **options)
+
     async def begin(self, sender: Sender = FIRST, line: Line | None = None, **options: int) -> Goal:
         """Begin a movement that no rule waits for.
 
         Raises:
             RuleBroken: it does not begin.
         """
-        verb, args = await self.far()
-        goal = self.goal(verb, args, **options)
+        goal = await self.movement(**options)
         status = await self.ask(goal, sender, line)
         expect_status(status, GoalState.ACTIVE, GoalState.ACCEPTED)
         return goal
@@ -441,15 +447,9 @@ class Trial:
         """Ask for a mode; the mode that answers: the wished one, or one with a reason why not."""
         wish = SetMode(self.epoch if epoch is None else epoch, *self.controller, mode, stops, life)
         self.line.say(wish, sender)
-        refusals = {
-            Reason.STALE_EPOCH,
-            Reason.BAD_EPOCH,
-            Reason.OTHER_LIFE,
-            Reason.NOT_IN_CONTROL,
-            Reason.STOPPED,
-        }
-        refusals |= {Reason.BAD_ARGUMENT}
-        return await self.line.expect(Mode, lambda it: it.mode == mode or it.reason in refusals)
+        return await self.line.expect(
+            Mode, lambda it: it.mode == mode or it.reason in {*REFUSALS, Reason.BAD_ARGUMENT}
+        )
 
     async def request(
         self,
