@@ -205,7 +205,8 @@ def _enum(name: str, enum: MAVEnum, entries: list[MAVEnumEntry]) -> str:
             raise KeyError(f"{name} has no {', '.join(sorted(missing))}")
         short = {each: entry for each, entry in short.items() if each in needed}
     base = BEHAVIOUR.get(name, "IntFlag" if enum.bitmask else "IntEnum")
-    lines = [f"class {_class_name(name)}({base}):", *_docstring(f"{name}: {_lowered(description)}"), ""]
+    text = f"{name}: {description[:1].lower()}{description[1:]}"
+    lines = [f"class {_class_name(name)}({base}):", *_docstring(text), ""]
     for each, entry in short.items():
         lines.append(f"    {each} = {entry.value}")
         if name.startswith(OURS) or each.startswith(OURS):
@@ -218,12 +219,6 @@ def _params(entry: MAVEnumEntry) -> str:
     used = [each for each in entry.param if each.label]
     lines = [f"param{each.index} {each.label.lower()} [{each.units}]: {each.description}" for each in used]
     return " ".join(lines)
-
-
-def _lowered(sentence: str) -> str:
-    """A sentence that goes on after a colon; acronyms stay."""
-    acronym = sentence[1:2].isupper()
-    return sentence if acronym else sentence[:1].lower() + sentence[1:]
 
 
 def _message(message: MAVType, enums: set[str]) -> str:

@@ -35,7 +35,7 @@ MAX_LINKS = 128
 
 
 class TcpLink(asyncio.Protocol):
-    """One end of a TCP connection. Made by `connect` and `listen`."""
+    """One end of a TCP connection. Made by `connect_url` and `listen_url`."""
 
     def __init__(
         self, accept: Accept, links: set[TcpLink] | None = None, bound: int = BOUND, address: str = "tcp:?"
@@ -195,7 +195,7 @@ def _has_room(links: set[TcpLink]) -> bool:
 
 
 class TcpListener:
-    """Waits for TCP connections. Made by `listen`."""
+    """Waits for TCP connections. Made by `listen_url`."""
 
     def __init__(self, server: asyncio.Server, links: set[TcpLink]) -> None:
         self._server, self._links = server, links
@@ -220,12 +220,14 @@ class TcpListener:
         await asyncio.gather(*(link.over for link in links))
 
 
-async def connect(host: str, port: int, accept: Accept) -> Link:
-    """Open a connection.
+async def connect_url(url: Url, accept: Accept) -> Link:
+    """Open a connection: `tcp:HOST:PORT`.
 
     Raises:
         LinkUnanswered: nobody listens there, or nobody answers.
     """
+    url.only()
+    host, port = url.host_and_port()
     address = name("tcp", (host, port))
     loop = asyncio.get_running_loop()
     with refusing(address, LinkUnanswered):
@@ -237,19 +239,15 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
     return link
 
 
-async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False) -> Listener:
-    """Wait for connections.
-
-    Args:
-        host: loopback, unless `exposed`.
-        port: 0 takes a free one, see `Listener.address`.
-        accept: hears of every connection.
-        exposed: allow an address that other machines reach.
+async def listen_url(url: Url, accept: Accept, *, exposed: bool) -> Listener:
+    """Wait for connections: `tcp:PORT` or `tcp:HOST:PORT`.
 
     Raises:
         LinkRefused: the port is taken, or the address is not ours.
         BadUrl: the address is not loopback and nobody asked for that.
     """
+    url.only()
+    host, port = url.host_and_port()
     address = name("tcp", (host, port))
     require_loopback(address, host, exposed=exposed)
     links: set[TcpLink] = set()
@@ -257,15 +255,3 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
     with refusing(address):
         server = await loop.create_server(lambda: TcpLink(accept, links), host, port, reuse_address=True)
     return TcpListener(server, links)
-
-
-async def connect_url(url: Url, accept: Accept) -> Link:
-    """`tcp:HOST:PORT`."""
-    url.only()
-    return await connect(*url.host_and_port(), accept)
-
-
-async def listen_url(url: Url, accept: Accept, *, exposed: bool) -> Listener:
-    """`tcp:PORT` or `tcp:HOST:PORT`."""
-    url.only()
-    return await listen(*url.host_and_port(), accept, exposed=exposed)

@@ -39,7 +39,7 @@ Address = tuple[Any, ...]
 
 
 class UdpLink:
-    """One address that we exchange datagrams with. Made by `connect` and `listen`."""
+    """One address that we exchange datagrams with. Made by `connect_url` and `listen_url`."""
 
     def __init__(self, carrier: _Carrier, remote: Address | None, address: str) -> None:
         self.address, self.controller = address, carrier.controller
@@ -195,7 +195,7 @@ class _Carrier(asyncio.DatagramProtocol):
 
 
 class UdpListener:
-    """Waits for datagrams. Made by `listen`."""
+    """Waits for datagrams. Made by `listen_url`."""
 
     def __init__(self, carrier: _Carrier, local: Address) -> None:
         self._carrier = carrier
@@ -214,12 +214,14 @@ class UdpListener:
         await asyncio.sleep(0)
 
 
-async def connect(host: str, port: int, accept: Accept) -> Link:
-    """Open a link to an address, whether or not somebody is there.
+async def connect_url(url: Url, accept: Accept) -> Link:
+    """Open a link to an address, whether or not somebody is there: `udp:HOST:PORT`.
 
     Raises:
         LinkRefused: there can be no such address.
     """
+    url.only()
+    host, port = url.host_and_port()
     address = name("udp", (host, port))
     loop = asyncio.get_running_loop()
     with refusing(address):
@@ -233,19 +235,15 @@ async def connect(host: str, port: int, accept: Accept) -> Link:
         raise
 
 
-async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False) -> Listener:
-    """Wait for datagrams.
-
-    Args:
-        host: loopback, unless `exposed`.
-        port: 0 takes a free one, see `Listener.address`.
-        accept: hears of every address that speaks.
-        exposed: allow an address that other machines reach.
+async def listen_url(url: Url, accept: Accept, *, exposed: bool) -> Listener:
+    """Wait for datagrams: `udp:PORT` or `udp:HOST:PORT`.
 
     Raises:
         LinkRefused: the port is taken, or the address is not ours.
         BadUrl: the address is not loopback and nobody asked for that.
     """
+    url.only()
+    host, port = url.host_and_port()
     address = name("udp", (host, port))
     require_loopback(address, host, exposed=exposed)
     loop = asyncio.get_running_loop()
@@ -254,15 +252,3 @@ async def listen(host: str, port: int, accept: Accept, *, exposed: bool = False)
             lambda: _Carrier(accept, connected=False), local_addr=(host, port)
         )
     return UdpListener(carrier, transport.get_extra_info("sockname"))
-
-
-async def connect_url(url: Url, accept: Accept) -> Link:
-    """`udp:HOST:PORT`."""
-    url.only()
-    return await connect(*url.host_and_port(), accept)
-
-
-async def listen_url(url: Url, accept: Accept, *, exposed: bool) -> Listener:
-    """`udp:PORT` or `udp:HOST:PORT`."""
-    url.only()
-    return await listen(*url.host_and_port(), accept, exposed=exposed)
