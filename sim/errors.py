@@ -7,7 +7,6 @@
         OutOfReach          no posture reaches the point, or it lies outside the robot's place
         PathBlocked         reachable, but no way leads there from here
         BadArgument         a number is missing, infinite or out of range
-        UnknownVerb         this kind of robot cannot do that
       UnknownKind           no robot of that kind can be simulated
       CannotListen          the address is taken; also an OSError
       MemoryLost            which leases were obeyed is not known any more
@@ -60,16 +59,6 @@ class BadArgument(GoalRefused):
     def __init__(self, name: str, value: float, allowed: str) -> None:
         self.name, self.value, self.allowed = name, value, allowed
         super().__init__(f"{name} is {value:g}; it must be {allowed}")
-
-
-class UnknownVerb(GoalRefused):
-    """This kind of robot cannot do that."""
-
-    reason = Reason.UNKNOWN_VERB
-
-    def __init__(self, verb: int, known: Iterable[str]) -> None:
-        self.verb, self.known = verb, tuple(known)
-        super().__init__(f"verb {verb} is unknown here; known: {', '.join(self.known)}")
 
 
 class UnknownKind(SimError):

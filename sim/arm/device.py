@@ -81,7 +81,7 @@ class Arm(Device):
             Verb.GRIP: self._grip,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("an arm", self.tuning, PARAMETERS, plans)
+        super().__init__(self.tuning, PARAMETERS, plans)
 
     def follow(self, kind: int, args: tuple[float, ...]) -> Start:
         """Check one set-point; nothing changes yet.

@@ -118,7 +118,7 @@ class Base(Device):
             Verb.LEAN: self._lean_to,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("the base", self.tuning, BASE_PARAMETERS, plans)
+        super().__init__(self.tuning, BASE_PARAMETERS, plans)
 
     def hold(self) -> None:
         """Drop the movement and come to a stand here."""

@@ -48,7 +48,7 @@ class Head(Device):
             Verb.SAY: self._say,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("the head", self.tuning, HEAD_PARAMETERS, plans)
+        super().__init__(self.tuning, HEAD_PARAMETERS, plans)
 
     def hold(self) -> None:
         """Stay."""

@@ -97,7 +97,7 @@ class Limb(Device):
             Verb.GRIP: self._grip,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("an arm", self.tuning, LIMB_PARAMETERS, plans)
+        super().__init__(self.tuning, LIMB_PARAMETERS, plans)
 
     def hold(self) -> None:
         """Drop the movement, brake, and rest here; the fingers keep what they hold."""

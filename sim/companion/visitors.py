@@ -156,11 +156,6 @@ class Visitor:
         """Whether the open hand is held out."""
         return self._out
 
-    @property
-    def gone(self) -> bool:
-        """Whether the play is over."""
-        return not self._play
-
     def put(self, x: float, y: float, heading: float = 0.0) -> None:
         """Let the visitor stand elsewhere at once [m, rad]."""
         self.x, self.y, self.heading = x, y, heading

@@ -6,7 +6,7 @@ from math import isinf, isnan, nan
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 from robotree.protocol.messages import Reason, SetpointKind, Verb
-from robotree.sim.errors import BadArgument, UnknownVerb
+from robotree.sim.errors import BadArgument
 
 if TYPE_CHECKING:
     from robotree.sim.motion.path import Path
@@ -135,7 +135,6 @@ class Device:
     Without more it follows no set-points, and tells no ways.
 
     Args:
-        name: for what is refused, with its article.
         tuning: the object whose attributes can be tuned.
         parameters: which of them can be, in an order that stays.
         plans: what checks and plans each verb.
@@ -144,10 +143,8 @@ class Device:
     setpoint_kinds: Collection[SetpointKind] = ()
     """The set-points that it can follow."""
 
-    def __init__(
-        self, name: str, tuning: object, parameters: Collection[Tunable], plans: Mapping[Verb, Plan]
-    ) -> None:
-        self._name, self._plans = name, plans
+    def __init__(self, tuning: object, parameters: Collection[Tunable], plans: Mapping[Verb, Plan]) -> None:
+        self._plans = plans
         self.tuned: Final = tuning
         self.parameters: Final = parameters
         """The parameters that can be tuned, of `tuned`."""
@@ -162,7 +159,7 @@ class Device:
         """Check and plan one movement; nothing moves yet.
 
         Args:
-            verb: what to do.
+            verb: what to do, one of `verbs`.
             args: (7,) its arguments as in robotree.xml; NaN means "as it is now".
 
         Returns:
@@ -171,8 +168,6 @@ class Device:
         Raises:
             GoalRefused: with the reason; nothing has changed.
         """
-        if verb not in self._plans:
-            raise UnknownVerb(verb, [known.name for known in self._plans])
         return self._plans[Verb(verb)](args)
 
     def way(self, verb: int, args: tuple[float, ...]) -> WayAhead:  # noqa: ARG002  none is told
@@ -201,10 +196,9 @@ class Device:
             whatever runs.
 
         Raises:
-            GoalRefused: it lies outside the limits; without `setpoint_kinds` always.
+            GoalRefused: it lies outside the limits.
         """
-        text = f"none with {len(args)} arguments: {self._name} follows no set-points"
-        raise BadArgument("kind", kind, text)
+        raise NotImplementedError
 
     def progress(self) -> Progress:
         """How far the movement is that was begun last; a set-point is never done."""

@@ -35,7 +35,8 @@ class Goals:
         self._server = GoalServer(
             device.verbs, self._check, rights.guard, fence=claims.fence, life=claims.life
         )
-        self._prepared: Start | None = None
+        self._prepared: Start = device.hold
+        """Begins the goal that was checked last."""
 
     @property
     def epoch(self) -> int:
@@ -91,10 +92,6 @@ class Goals:
         return out
 
     def _begin(self, goal: GoalId, now: int) -> list[Outgoing]:
-        start, self._prepared = self._prepared, None
-        if start is None:
-            return []
-
         def progress(fraction: float, now: int) -> list[Outgoing]:
             return sends(self._server.progress(goal, fraction, now / 1000))
 
@@ -104,5 +101,5 @@ class Goals:
 
         asker = self._server.asker(goal)
         job = Job(goal, asker, self._rights.voice(asker), progress, finish)
-        out = self._movement.begin(job, start, now)
+        out = self._movement.begin(job, self._prepared, now)
         return out + sends(self._server.activate(goal, now / 1000))

@@ -102,7 +102,7 @@ class Rover(Device):
             Verb.GO_TO: self._go_to,
             Verb.HOLD: lambda _: self.hold,
         }
-        super().__init__("a rover", self.tuning, PARAMETERS, plans)
+        super().__init__(self.tuning, PARAMETERS, plans)
 
     def follow(self, kind: int, args: tuple[float, ...]) -> Start:  # noqa: ARG002  there is one kind
         """Check one set-point; nothing changes yet.

@@ -41,7 +41,7 @@ class Cart(Device):
 
     def __init__(self, now: Callable[[], float], on_begin: Callable[[int, int], None]) -> None:
         self._now, self._on_begin = now, on_begin
-        super().__init__("a cart", None, (), {Verb.MOVE: self._move, Verb.HOLD: lambda _: self.hold})
+        super().__init__(None, (), {Verb.MOVE: self._move, Verb.HOLD: lambda _: self.hold})
         self._began = self._ends = 0.0
         self.ticket: int | None = None
         """Of the drive under way."""
