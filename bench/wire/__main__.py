@@ -1,6 +1,6 @@
 """Measure what the wire promises, and say whether it holds here; the exit code is 1 if a promise does not.
 
-    python -m bench.wire [codec] [trips] [noise] [imports] [clients] [--json]
+    python -m bench.wire [codec] [trips] [noise] [clients]
 
 Without a part all are measured.
 """
@@ -8,17 +8,9 @@ Without a part all are measured.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 
 from bench.wire.figures import FIGURES, Figure
-
-
-def as_json(figure: Figure) -> str:
-    """One figure as an object."""
-    data = {"name": figure.promise.name, "value": figure.value, "unit": figure.promise.unit}
-    bound = {"at_least" if figure.promise.at_least else "at_most": figure.promise.bound}
-    return json.dumps({**data, **bound, "kept": figure.kept, "detail": figure.detail})
 
 
 def as_text(figure: Figure) -> str:
@@ -35,7 +27,6 @@ def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(FIGURES))
-    parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     if unknown := {*arguments.parts} - {*FIGURES}:
         parser.error(f"{', '.join(sorted(unknown))} is not measured; there is {', '.join(FIGURES)}")
@@ -44,7 +35,7 @@ def main() -> int:
         print(f"measuring {part} …", file=sys.stderr)
         for figure in FIGURES[part]():
             kept = kept and figure.kept
-            print(as_json(figure) if arguments.json else as_text(figure))
+            print(as_text(figure))
     return 0 if kept else 1
 
 

@@ -1,11 +1,8 @@
-"""The promises of the wire, each with what measures it. All but the last two are ratios."""
+"""The promises of the wire, each with what measures it. All but the last one are ratios."""
 
 from __future__ import annotations
 
 import asyncio
-import statistics
-import subprocess
-import sys
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -47,7 +44,6 @@ TCP = Promise("PING over TCP, beside a bare echo", 1.5, at_least=False)
 CAN_FD = Promise("PING over CAN FD, beside a bare echo", 3.0, at_least=False)
 RECOVERED = Promise("intact frames found in a bad stream", 100.0, at_least=True, unit="% of frames")
 CHANCE = Promise("bytes of chance accounted for", 10_000_000, at_least=True, unit="bytes")
-IMPORT = Promise("import of robotree.protocol", 60.0, at_least=False, unit="ms")
 CLIENTS = Promise("10 clients at 100 Hz", 20.0, at_least=False, unit="% of a core")
 
 
@@ -100,16 +96,6 @@ def noise() -> Iterable[Figure]:
     yield Figure(CHANCE, chance_bytes(), "nothing was raised")
 
 
-def imports(times: int = 7) -> Iterable[Figure]:
-    """How long the front door takes to open, in fresh processes."""
-    code = "import time; t = time.perf_counter(); import robotree.protocol; print(time.perf_counter() - t)"
-    taken = [
-        float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
-        for _ in range(times)
-    ]
-    yield Figure(IMPORT, statistics.median(taken) * 1e3, f"median of {times}")
-
-
 def clients() -> Iterable[Figure]:
     """The cost of many listeners."""
     from bench.wire.round_trips import crowd
@@ -122,7 +108,6 @@ FIGURES: dict[str, Callable[[], Iterable[Figure]]] = {
     "codec": codec,
     "trips": round_trips,
     "noise": noise,
-    "imports": imports,
     "clients": clients,
 }
 """Every measurement, by the name of its part."""

@@ -94,7 +94,7 @@ async def test_round_trips_take_turns_with_a_bare_echo() -> None:
 
 
 def test_every_part_has_a_name_and_the_promises_are_the_project_s() -> None:
-    assert [*FIGURES] == ["codec", "trips", "noise", "imports", "clients"]
+    assert [*FIGURES] == ["codec", "trips", "noise", "clients"]
     assert (CLIENTS.bound, CLIENTS.at_least) == (20.0, False)
     assert {name: promise.bound for name, promise in CODEC.items()} == {
         "encode": 3.5,
