@@ -41,7 +41,9 @@ def test_every_example_is_promised(examples: Path) -> None:
 
 
 @pytest.mark.parametrize("file", PROMISES)
-def test_an_example_is_one_page_that_loads(file: str, examples: Path) -> None:
+def test_an_example_is_one_page_that_loads_and_its_first_words_say_how_to_use_it(
+    file: str, examples: Path
+) -> None:
     kind, slots, commands, exposed = PROMISES[file]
     bundle = Bundle.read(examples / file)
     assert len(bundle.source.splitlines()) <= PAGE
@@ -51,11 +53,6 @@ def test_an_example_is_one_page_that_loads(file: str, examples: Path) -> None:
     assert set(commands_of(robot)) == commands
     assert set(exposures_of(robot)) == exposed
     assert all(command.spec.doc for command in commands_of(robot).values())
-
-
-@pytest.mark.parametrize("file", PROMISES)
-def test_the_first_words_of_an_example_say_how_to_use_it(file: str, examples: Path) -> None:
-    robot = Bundle.read(examples / file).load()
     text = inspect.getdoc(inspect.getmodule(robot)) or ""
     assert text.startswith(f"{robot.__name__}: ")
     assert f"robotree create examples/{file} as " in text

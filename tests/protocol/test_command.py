@@ -350,23 +350,3 @@ def test_the_end_of_a_command_that_was_given_up_does_not_end_the_next_one_of_its
     assert message.param1 == 2.0
     end += LONGEST_SILENCE + 0.1
     assert client.receive(CommandAck(MOVE, MavResult.DENIED), end) == [CommandDone(MOVE, MavResult.DENIED)]
-
-
-def test_both_sides_agree_over_a_wire_that_loses_every_second_word(
-    robot: Robot, client: CommandClient
-) -> None:
-    odd, events = 0, list[object]()
-    under_way: list[object] = [*client.send(GRIP, (1.0,), 0.0)]
-    for i in range(1, 40):
-        for message in _sent(under_way):
-            odd += 1
-            if odd % 2 and isinstance(message, CommandLong):
-                for answer in _sent([*robot.server.receive(message, PEER, i * 0.25)]):
-                    if odd % 4 == 1 and i < 4:
-                        continue
-                    assert isinstance(answer, CommandAck)
-                    events += client.receive(answer, i * 0.25)
-        under_way = [*client.tick(i * 0.25)]
-        events += [each for each in under_way if isinstance(each, CommandDone)]
-    assert events == [CommandDone(GRIP, MavResult.ACCEPTED, 7)]
-    assert len(robot.done) == 1

@@ -294,20 +294,6 @@ def test_a_goal_that_was_reached_in_time_is_so_though_the_answers_were_lost(
     assert end == GoalEnded(7, GoalState.SUCCEEDED, Reason.NONE, "")
 
 
-def test_a_controller_that_restarted_is_not_asked_to_begin_again(client: GoalClient) -> None:
-    client.receive(GoalStatus(7, 1, 0.5, 1, Reason.NONE, 255, 190, GoalState.ACTIVE, ""), 0.1)
-    restarted = GoalServer([Verb.GO_TO], lambda _: None)
-    effects = [
-        effect
-        for message in sent([*client.tick(2.0)])
-        if isinstance(message, Goal)
-        for effect in restarted.receive(message, PROXY, 0.0)
-    ]
-    (status,) = _statuses([*effects])
-    assert client.receive(status, 2.1) == [GoalEnded(7, GoalState.UNKNOWN, Reason.NONE, "")]
-    assert restarted.unfinished == []
-
-
 def test_who_may_not_command_is_refused_raises_no_epoch_and_may_ask_again() -> None:
     allowed: set[int] = set()
     denial = (Reason.NOT_IN_CONTROL, "System 9 is in control.")

@@ -146,6 +146,11 @@ def test_two_controllers_cannot_have_one_name(path: Path) -> None:
     HeardFile(path).close()
 
 
+def test_a_file_that_cannot_be_opened_is_refused_in_one_sentence(path: Path) -> None:
+    with pytest.raises(KeyFileError, match="cannot be used: Is a directory"):
+        HeardFile(path.parent)
+
+
 def test_a_full_disk_keeps_nobody_from_being_heard(
     path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -13,20 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from robotree.protocol import Endpoint, Frame, Parser, encode
+from robotree.protocol import Parser, encode
 from robotree.protocol.errors import KeyFileError, KeyRefused
 from robotree.protocol.links.keyring import PERSIST_PERIOD, Keyring
 from robotree.protocol.links.security import UNSIGNED, Security, persisting
-from robotree.protocol.links.url import connect, listen
-from robotree.protocol.messages import Heartbeat, Timesync
+from robotree.protocol.messages import Timesync
 from robotree.protocol.signing import EPOCH, LARGEST_LEAD, UNITS, Key, Signer, SigningTime
-from robotree.protocol.testing import until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from robotree.protocol.links.link import Link
 
 NOW = 1_800_000_000.0
 
@@ -37,57 +34,6 @@ def keys(tmp_path: Path) -> Path:
     path.touch(mode=0o600)
     path.write_text(f"tcp:127.0.0.1:* {'11' * 32}\n")
     return path
-
-
-def _stranger(tmp_path: Path) -> Keyring:
-    path = tmp_path / "stranger.keys"
-    path.touch(mode=0o600)
-    path.write_text(f"* {'22' * 32}\n")
-    return Keyring(path)
-
-
-async def test_only_those_with_the_key_are_heard(keys: Path, tmp_path: Path) -> None:
-    controller = Security(Keyring(keys), lambda: NOW)
-    heard: list[Frame] = []
-    endpoints: list[Endpoint] = []
-
-    def accept(link: Link) -> Endpoint:
-        signer_pair = controller.signer_pair(link.controller)
-        endpoints.append(Endpoint(link, system=1, component=1, on_frame=heard.append, **signer_pair))
-        return endpoints[-1]
-
-    listener = await listen("tcp:0", accept)
-    friend, stranger = Security(Keyring(keys), lambda: NOW), Security(_stranger(tmp_path), lambda: NOW)
-    clients: list[Endpoint] = []
-
-    def client(link: Link) -> Endpoint:
-        signer_pair = (stranger, friend, friend)[len(clients)].signer_pair(link.controller)
-        clients.append(
-            Endpoint(link, system=10 + len(clients), component=1, on_frame=lambda _: None, **signer_pair)
-        )
-        return clients[-1]
-
-    for _ in range(3):
-        await connect(listener.address, client)
-    unsigned: list[Endpoint] = []
-
-    def nobody(link: Link) -> Endpoint:
-        unsigned.append(Endpoint(link, system=20, component=1, on_frame=lambda _: None))
-        return unsigned[-1]
-
-    await connect(listener.address, nobody)
-
-    def refused() -> int:
-        return sum(endpoint.statistics.refused for endpoint in endpoints)
-
-    for said, endpoint in enumerate((*unsigned, *clients, *clients), 1):
-        endpoint.send(Heartbeat(6, 8, 0, 0, 4))
-        await until(lambda said=said: len(heard) + refused() == said)
-    assert [frame.system for frame in heard] == [11, 12, 11, 12]
-    assert all(frame.signed for frame in heard)
-    assert refused() == 3
-    await listener.close()
-    await asyncio.sleep(0.005)
 
 
 def test_a_link_that_no_line_matches_hears_nobody_and_nobody_hears_it(keys: Path) -> None:

@@ -20,33 +20,13 @@ from robotree.protocol import Endpoint, Frame, Parser
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkRefused
 from robotree.protocol.links import serial, serial_port
 from robotree.protocol.links.in_thread import opened
-from robotree.protocol.links.link import Link, Listener
-from robotree.protocol.links.url import connect, listen, parse
+from robotree.protocol.links.link import Listener
+from robotree.protocol.links.url import connect, parse
 from robotree.protocol.messages import GoalStatus, Heartbeat, Joints
 from robotree.protocol.testing import RecordingHandler, RecordingHandlers, check_refused, until
 
 MakeCable = Callable[[], Any]
 BEAT = Heartbeat(6, 8, 0, 0, 4)
-
-
-async def test_messages_cross_the_line_both_ways(make_cable: MakeCable) -> None:
-    cable = make_cable()
-    heard: list[Frame] = []
-    speakers: list[Endpoint] = []
-
-    def accept(link: Link) -> Endpoint:
-        speakers.append(Endpoint(link, system=1 + len(speakers), component=1, on_frame=heard.append))
-        return speakers[-1]
-
-    listener = await listen(cable.url(1), accept)
-    link = await connect(cable.url(0), accept)
-    for speaker in speakers:
-        speaker.send(BEAT)
-    await until(lambda: len(heard) == 2)
-    assert sorted(frame.system for frame in heard) == [1, 2]
-    assert {frame.message for frame in heard} == {BEAT}
-    link.close()
-    await listener.close()
 
 
 async def test_an_adapter_that_is_unplugged_ends_the_link_and_says_so(make_cable: MakeCable) -> None:

@@ -31,6 +31,13 @@ def test_options_are_taken_apart_and_unknown_ones_refused() -> None:
         url.only("a")
 
 
+@pytest.mark.parametrize("url", ["tcp:127.0.0.1:0?fd=1", "udp:127.0.0.1:0?fd=1"])
+async def test_an_option_of_another_scheme_is_refused_at_both_ends(url: str) -> None:
+    for end in (connect, listen):
+        with pytest.raises(BadUrl, match="option 'fd' is unknown"):
+            await end(url, RecordingHandler)
+
+
 @pytest.mark.parametrize(
     ("text", "advice"),
     [

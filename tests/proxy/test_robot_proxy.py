@@ -289,22 +289,6 @@ async def test_a_stop_on_another_link_ends_what_runs_and_what_waits_until_it_is_
     await call
 
 
-async def test_a_command_that_a_restarted_proxy_gets_again_moves_once(
-    make_controller: type[Controller],
-) -> None:
-    controller = make_controller()
-    async with acting(controller) as scene:
-        await scene.online()
-        call = scene.begin("go_to", POINT, key="once", deadline=30.0)
-        await scene.moving()
-        scene.controller.finish(GoalState.SUCCEEDED)
-        await call
-    async with acting(controller) as scene:
-        await scene.online()
-        await scene.client.call("go_to", POINT, key="once", deadline=17.0)
-    assert len(controller.begun) == 1
-
-
 class Stepper(Rover):
     """A rover that takes steps."""
 

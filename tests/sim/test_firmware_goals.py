@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from robotree.protocol.messages import GoalState, GoalStatus, Reason, Tool, Verb
+from robotree.protocol.messages import GoalState, GoalStatus, Reason, Verb
 from robotree.sim.testing import NAN, ArmBench
 
 AWAY = (0.35, -0.25, 0.35, 0.5)
@@ -66,11 +66,3 @@ def test_a_newer_goal_takes_the_place_of_the_older_without_a_jerk(arm: ArmBench)
     assert operator.end_of(newer).state == GoalState.SUCCEEDED
     assert max(speeds) < 15.0
     np.testing.assert_allclose(arm.world.arm.state().position, (0.4, 0.2, 0.3), atol=0.004)
-
-
-def test_the_tool_says_that_it_is_busy(arm: ArmBench) -> None:
-    arm.operator.ask(Verb.GO_TO, *AWAY)
-    arm.operator.wait(0.5)
-    assert arm.operator.latest(Tool).busy == 1
-    arm.operator.wait(4.0)
-    assert arm.operator.latest(Tool).busy == 0

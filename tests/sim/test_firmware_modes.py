@@ -76,10 +76,13 @@ def test_the_arm_stands_within_100_ms_and_5_mm_of_a_hold_at_its_top_speed(arm: A
     assert max(steps[20:]) < 0.01, "[m/s] after 100 ms it neither moves on nor swings back"
 
 
-def test_people_are_told_of_stops_and_silence(arm: ArmBench) -> None:
-    arm.operator.set_mode(ModeKind.SAFE_STOP)
-    arm.operator.wait(0.1)
-    assert any(isinstance(m, Statustext) and "Safe stop" in m.text for _, m in arm.operator.heard)
+def test_people_and_stations_are_told_of_a_stop(arm: ArmBench) -> None:
+    for mode, armed in ((ModeKind.READY, MavModeFlag.SAFETY_ARMED), (ModeKind.SAFE_STOP, 0)):
+        arm.operator.set_mode(mode)
+        arm.operator.wait(0.1)
+        beats = [beat for beat in arm.operator.all(Heartbeat) if beat.type != MavType.CAMERA]
+        assert beats[-1].base_mode & MavModeFlag.SAFETY_ARMED == armed
+    assert any("Safe stop" in text.text for text in arm.operator.all(Statustext))
 
 
 def test_it_says_in_each_heartbeat_that_it_is_a_simulation(arm: ArmBench, rover: RoverBench) -> None:

@@ -7,6 +7,7 @@ import pytest
 from robotree.protocol.messages import (
     AutopilotVersion,
     CommandAck,
+    ControlStatus,
     Gripper,
     Heartbeat,
     Joints,
@@ -73,6 +74,7 @@ def test_it_says_what_it_is_and_what_it_speaks(arm: ArmBench) -> None:
     assert ask_for(arm.operator, ProtocolVersion).version == 200
     assert ask_for(arm.operator, SystemTime).time_boot_ms > 0
     assert ask_for(arm.operator, Heartbeat).autopilot == 0
+    assert ask_for(arm.operator, ControlStatus).gcs_main == 0
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,9 @@ import pytest
 from robotree.protocol import Frame
 from robotree.protocol.messages import (
     GoalState,
+    MavParamType,
     ModeKind,
+    ParamSet,
     Reason,
     Setpoint,
     SetpointKind,
@@ -74,7 +76,7 @@ def test_it_follows_a_circle_without_a_jerk(arm: ArmBench, pose: Pilot) -> None:
     pose.steer(3.0, 0.40, 0.0, 0.30, 0.0)
     last, fastest, error = place(arm), 0.0, 0.0
     began = arm.operator.now
-    while (t := arm.operator.now - began) < 8.0:
+    while (t := arm.operator.now - began) < 4.0:
         angle = 0.8 * t
         pose.say(0.35 + 0.05 * math.cos(angle), 0.05 * math.sin(angle), 0.30, 0.0)
         arm.operator.wait(PERIOD)
@@ -96,20 +98,22 @@ def test_it_holds_when_the_stream_dries_up(arm: ArmBench, stick: Pilot) -> None:
     assert np.linalg.norm(place(arm) - held) < 0.01
 
 
-def test_a_wish_for_more_speed_gets_the_highest(arm: ArmBench, stick: Pilot) -> None:
-    stick.steer(1.0, 0.0, 1e30, 0.0, 0.0)
-    before = place(arm)
-    stick.steer(0.3, 0.0, 1e30, 0.0, 0.0)
-    assert np.linalg.norm(place(arm) - before) / 0.3 == pytest.approx(0.25, rel=0.1)
+def test_a_wish_for_more_speed_gets_the_highest_which_can_be_lowered_meanwhile(
+    arm: ArmBench, stick: Pilot
+) -> None:
+    for highest in (0.25, 0.1):
+        arm.operator.say(ParamSet(1, 1, "TOOL_SPEED_MAX", highest, MavParamType.REAL32))
+        stick.steer(1.0, 0.0, 1e30, 0.0, 0.0)
+        before = place(arm)
+        stick.steer(0.3, 0.0, 1e30, 0.0, 0.0)
+        assert np.linalg.norm(place(arm) - before) / 0.3 == pytest.approx(highest, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    "way", [(0, 0, -0.2), (-0.2, 0, 0), (0.2, 0, 0), (0, 0.2, 0), (0, 0, 0.2), (-0.2, 0, -0.2)]
-)
+@pytest.mark.parametrize("way", [(0, 0, -0.2), (-0.2, 0, 0), (0.2, 0, 0), (-0.2, 0, -0.2)])
 def test_no_stream_leads_out_of_the_workspace(
     arm: ArmBench, stick: Pilot, way: tuple[float, float, float]
 ) -> None:
-    stick.steer(6.0, *way, 0.0)
+    stick.steer(4.0, *way, 0.0)
     x, y, z = place(arm).tolist()
     assert z > LOWEST - 0.005
     assert math.hypot(x, y) > NEAREST - 0.005

@@ -5,13 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import pytest
-
 ENGINES = "{'mujoco', 'pinocchio', 'ruckig', 'numpy'}"
 
 
-@pytest.mark.parametrize("module", ["robotree.sim", "robotree.sim.kinds", "robotree.sim.errors"])
-def test_it_is_cheap_to_ask_what_can_be_simulated(module: str) -> None:
-    code = f"import sys, {module}; print(sorted({ENGINES} & set(sys.modules)))"
+def test_it_is_cheap_to_ask_what_can_be_simulated() -> None:
+    code = "import sys, robotree.sim, robotree.sim.kinds, robotree.sim.errors; "
+    code += f"print(sorted({ENGINES} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

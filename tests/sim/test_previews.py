@@ -70,6 +70,8 @@ def test_a_verb_without_a_way_is_checked_all_the_same(arm: ArmBench) -> None:
 def test_a_rover_goes_to_a_place_and_says_before_how(rover: RoverBench) -> None:
     told = preview(rover, Verb.GO_TO, 0.5, -0.4, NAN, NAN, 0.5)
     assert (told.x[-1], told.y[-1]) == pytest.approx((0.5, -0.4))
+    told = preview(rover, Verb.MOVE, 0.2, -0.1, 0.5)
+    assert (told.x[-1], told.y[-1]) == pytest.approx((0.2, -0.1))
     assert preview(rover, Verb.GO_TO, 1.6, 0.0, NAN, NAN, 0.5).reason == Reason.OUT_OF_REACH
     rover.operator.succeed(Verb.GO_TO, 0.5, -0.4, NAN, NAN, 0.5)
     assert rover.world.rover.state().position.tolist() == pytest.approx((0.5, -0.4), abs=5e-3)

@@ -20,7 +20,7 @@ def place(rover: RoverBench) -> tuple[float, float]:
 
 
 @given(x=st.floats(-1.4, 1.4), y=st.floats(-0.4, 0.8), speed=st.floats(0.05, 1.0))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_a_move_ends_within_five_millimetres(x: float, y: float, speed: float) -> None:
     rover = RoverBench()
     rover.operator.succeed(Verb.MOVE, x, y, speed)

@@ -63,16 +63,6 @@ async def test_an_arm_is_commanded_watched_photographed_and_stopped() -> None:
         await client.next(lambda m: isinstance(m, Mode) and m.mode == ModeKind.SAFE_STOP)
 
 
-async def test_answers_go_where_the_question_came_from_and_telemetry_to_all() -> None:
-    async with serving("rover", ANY) as server:
-        asker, watcher = [await Station(component=i).dial(server.address) for i in (1, 2)]
-        asker.say(Goal(7, 1, 0, (0.01, 0.0, *(float("nan"),) * 5), Verb.MOVE, 1, 1))
-        await asker.next(is_status(7, GoalState.SUCCEEDED))
-        await watcher.next(lambda m: isinstance(m, Mode) and m.mode == ModeKind.ACTIVE)
-        await watcher.next(lambda m: isinstance(m, Mode) and m.mode == ModeKind.READY)
-        assert not [m for m in watcher.heard if isinstance(m, GoalStatus)]
-
-
 async def test_of_many_picture_requests_the_newest_of_each_camera_are_answered() -> None:
     async with serving("rover", ANY) as server:
         client = await Station().dial(server.address)

@@ -44,7 +44,10 @@ class Giving:
             self.robot.right.operator,
             self.robot.head.operator,
         )
-        self.reach = self.left.ask(Verb.REACH, 0.42, 0.22, 1.05, math.nan, math.pi / 2, 0.05)
+        self.move()
+
+    def move(self) -> None:
+        self.left.ask(Verb.REACH, 0.42, 0.22, 1.05, math.nan, math.pi / 2, 0.05)
         self.base.ask(Verb.MOVE, -1.5, 0.0, 0.15)
         self.base.wait(1.0)
         assert self.moving == {"arm", "base"}
@@ -73,23 +76,7 @@ def giving() -> Giving:
     return Giving()
 
 
-def killed(giving: Giving) -> None:
-    """`kill -9` of all proxies: nothing more is said."""
-    for each in giving.all:
-        each.silent = True
-
-
-def test_a_controller_whose_proxies_are_all_killed_stands_and_holds_the_cup(giving: Giving) -> None:
-    killed(giving)
-    giving.base.wait(SOON)
-    assert not giving.moving
-    before = giving.world.body.q
-    giving.base.wait(2.0)
-    assert abs(giving.world.body.q - before).max() < 0.02, "the arms stay where they are"
-    giving.assert_held()
-
-
-def test_a_hand_whose_own_proxy_hangs_stands_and_the_others_go_on(giving: Giving) -> None:
+def test_a_hand_whose_proxy_hangs_stands_and_all_stand_whose_proxies_are_killed(giving: Giving) -> None:
     giving.left.silent = True  # as SIGSTOP does it
     giving.base.wait(SOON)
     assert "arm" not in giving.moving
@@ -99,9 +86,18 @@ def test_a_hand_whose_own_proxy_hangs_stands_and_the_others_go_on(giving: Giving
     answer = giving.left.do(Verb.REACH, 0.40, 0.22, 1.0, math.nan, math.pi / 2, 0.1)
     assert GoalState(answer.state) == GoalState.SUCCEEDED, "it is commanded again when it is back"
     giving.assert_held()
+    giving.move()
+    for each in giving.all:
+        each.silent = True  # as `kill -9` does it
+    giving.base.wait(SOON)
+    assert not giving.moving
+    before = giving.world.body.q
+    giving.base.wait(2.0)
+    assert abs(giving.world.body.q - before).max() < 0.02, "the arms stay where they are"
+    giving.assert_held()
 
 
-def test_a_second_client_cannot_open_the_hand(giving: Giving) -> None:
+def test_a_second_client_cannot_open_the_hand_nor_anybody_during_a_stop(giving: Giving) -> None:
     giving.left.say(Claim(7, 2, 3000, 0, 1, LEFT_ARM, ClaimWish.KEEP, "robot-7"))
     giving.left.until(lambda: giving.left.latest(ClaimStatus).holder == 7, 3.0)
     thief = giving.left.another(component=66, system=9, target=LEFT_ARM)
@@ -111,14 +107,12 @@ def test_a_second_client_cannot_open_the_hand(giving: Giving) -> None:
     assert answer.text == "robot-7 holds this robot; end it, or take over."
     giving.left.wait(0.5)
     giving.assert_held()
-
-
-def test_a_stop_while_it_carries_keeps_the_cup_until_somebody_takes_it(giving: Giving) -> None:
+    assert giving.moving
     giving.base.say(SetMode(1, 1, 0, ModeKind.SAFE_STOP))
     giving.base.wait(2.0)
     assert not giving.moving
     giving.assert_held()
-    answer = giving.left.do(Verb.GRIP, 0.08)
+    answer = giving.left.do(Verb.GRIP, 0.08, epoch=2)
     assert (GoalState(answer.state), Reason(answer.reason)) == (GoalState.REFUSED, Reason.STOPPED)
     giving.base.wait(3.0)
     giving.assert_held()

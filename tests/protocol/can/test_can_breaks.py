@@ -13,10 +13,17 @@ from can.interfaces.virtual import VirtualBus
 from robotree.protocol.canbus import LoopbackBus
 from robotree.protocol.errors import LinkBroken, LinkRefused
 from robotree.protocol.links.can import CanAddress, CanLink, connect
+from robotree.protocol.links.can import listener as can_listener
 from robotree.protocol.testing import RecordingHandler, RecordingHandlers, until
 from tests.protocol.can.ends import connected, listening
 
 SOON = 60.0
+
+
+@pytest.fixture(autouse=True)
+def soon_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A broken bus is entered again at once."""
+    monkeypatch.setattr(can_listener, "AGAIN", 0.05)
 
 
 async def again(address: CanAddress) -> CanLink:

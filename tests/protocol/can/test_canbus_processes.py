@@ -44,15 +44,15 @@ def members(bus: can.BusABC) -> int:
     return bus.statistics.members  # type: ignore[attr-defined, no-any-return]  # it is a LoopbackBus
 
 
-@pytest.mark.parametrize("size", [0, 8, 64])
-def test_frames_go_there_and_back(bus: can.BusABC, spawn: Spawn, channel: str, size: int) -> None:
+def test_frames_go_there_and_back(bus: can.BusABC, spawn: Spawn, channel: str) -> None:
     with bus:
         far = echo(spawn, channel)
-        sent = can.Message(arbitration_id=1, data=os.urandom(size), is_fd=size > 8)
-        bus.send(sent)
-        came = bus.recv(SOON)
-        assert came is not None
-        assert (came.arbitration_id, came.data) == (0x101, sent.data)
+        for size in (0, 8, 64):
+            sent = can.Message(arbitration_id=1, data=os.urandom(size), is_fd=size > 8)
+            bus.send(sent)
+            came = bus.recv(SOON)
+            assert came is not None
+            assert (came.arbitration_id, came.data) == (0x101, sent.data)
         bus.send(can.Message(arbitration_id=0))
         assert far.wait(SOON) == 0
 
