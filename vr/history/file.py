@@ -173,14 +173,9 @@ class HistoryFile:
 
     @contextmanager
     def _transaction(self) -> Generator[None]:
-        self._file.execute("BEGIN IMMEDIATE")
-        try:
+        with self._file:  # commits, or rolls back
+            self._file.execute("BEGIN IMMEDIATE")
             yield
-        except BaseException:
-            if self._file.in_transaction:
-                self._file.execute("ROLLBACK")
-            raise
-        self._file.execute("COMMIT")
 
     def _end(self, which: str) -> tuple[int, bytes]:
         row = self._file.execute("SELECT number, hash FROM ends WHERE which = ?", (which,)).fetchone()
@@ -199,7 +194,7 @@ class HistoryFile:
         with self._explained():
             key = self._last_motion(request.robot) if request.last else request.key
             if key or request.last:
-                return EventsRead(events=tuple(self._events_of(above(key)))) if key else EventsRead()
+                return EventsRead(events=tuple(self._events_of(above(key))))
             query = (
                 "SELECT number, body FROM event WHERE robot = ? AND unix >= ? ORDER BY number DESC LIMIT ?"
             )
@@ -233,12 +228,9 @@ class HistoryFile:
         Raises:
             HistoryUnusable: it cannot be read.
         """
-        with self._explained():
+        with self._explained(), self._file:
             self._file.execute("BEGIN")  # one state of the file, while others write
-            try:
-                return self._verified()
-            finally:
-                self._file.execute("ROLLBACK")
+            return self._verified()
 
     def _verified(self) -> EventsVerified:
         number, before = self._end("deleted")

@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -306,7 +307,9 @@ class HistoryWriter:
             case on.Invoke():
                 return self._accepted(robot, unix, happened)
             case Ended():
-                self._know(happened.key)
+                self._known[happened.key] = None
+                while len(self._known) > MOST_KNOWN:
+                    del self._known[next(iter(self._known))]
                 began = happened.began + offset if happened.began >= 0 else 0.0
                 return HistoryEvent(
                     kind="ended", unix=unix, robot=robot, key=happened.key, command=happened.command,
@@ -373,11 +376,6 @@ class HistoryWriter:
                 )  # fmt: skip
         return None
 
-    def _know(self, key: str) -> None:
-        self._known[key] = None
-        while len(self._known) > MOST_KNOWN:
-            del self._known[next(iter(self._known))]
-
     # -- being asked ------------------------------------------------------------------------------
 
     def read(self, request: ReadEvents, *, within: float = 0.5) -> EventsRead:
@@ -389,11 +387,8 @@ class HistoryWriter:
         until, goal = time.monotonic() + within, self._written + len(self._queue)
         while self._written < goal and not self.trouble and time.monotonic() < until:
             time.sleep(0.01)
-        file = HistoryFile(self.path)
-        try:
+        with closing(HistoryFile(self.path)) as file:
             found = file.read(request)
-        finally:
-            file.close()
         return msgspec.structs.replace(found, waiting=self.waiting, trouble=self.trouble)
 
 
@@ -405,11 +400,8 @@ def answer_of(writer: HistoryWriter, request: ReadEvents | VerifyEvents) -> Even
     """
     if isinstance(request, ReadEvents):
         return writer.read(request)
-    file = HistoryFile(writer.path)
-    try:
+    with closing(HistoryFile(writer.path)) as file:
         return file.verify()
-    finally:
-        file.close()
 
 
 def _outcome(reply: Returned | Raised) -> dict[str, Any]:

@@ -13,13 +13,13 @@ import fcntl
 import os
 import re
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from robotree.files import forks, opened_own, private_folder
 from robotree.vr.base.chance import token
 from robotree.vr.base.errors import Deposed
-from robotree.vr.journal.segments import Disk, OSDisk, Segments
+from robotree.vr.journal.segments import Disk, OSDisk, Segments, is_locked
 from robotree.vr.journal.store import Owner
 
 _SUFFIX = ".owner"
@@ -48,16 +48,9 @@ class FilePlace:
         return None
 
     def _seen(self, number: int) -> Owner:
-        descriptor = opened_own(self._path(number))
-        try:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-                lives = False
-            except BlockingIOError:
-                lives = True
-            host, beat = os.read(descriptor, 1000).decode(errors="replace"), os.fstat(descriptor).st_mtime_ns
-        finally:
-            os.close(descriptor)
+        with os.fdopen(opened_own(self._path(number)), "rb") as file:
+            lives = is_locked(file.fileno())
+            host, beat = file.read(1000).decode(errors="replace"), os.fstat(file.fileno()).st_mtime_ns
         return Owner(number, host, beat, lives)
 
     def take(self, host: str, after: int) -> Segments | None:
@@ -70,30 +63,25 @@ class FilePlace:
             return None
         path, coming = self._path(after + 1), self.folder / f"{token()}.new"
         descriptor = os.open(coming, os.O_CREAT | os.O_EXCL | os.O_RDWR | _FLAGS, 0o600)
-        try:
-            os.write(descriptor, host.encode())
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-            os.link(coming, path)
-        except FileExistsError:
-            os.close(descriptor)
-            return None
-        except BaseException:
-            os.close(descriptor)
-            raise
-        finally:
-            coming.unlink(missing_ok=True)
-        if self._numbers()[-1] != after + 1:  # it was there and has been deposed before we looked
-            path.unlink(missing_ok=True)
-            os.close(descriptor)
-            return None
-        for number in self._numbers():
-            if number <= after:
-                self._path(number).unlink(missing_ok=True)
-        try:
-            return Segments(self.folder, self._disk, self._boot, OwnerFile(descriptor, self))
-        except BaseException:
-            os.close(descriptor)
-            raise
+        with ExitStack() as stack:
+            stack.callback(os.close, descriptor)
+            try:
+                os.write(descriptor, host.encode())
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
+                os.link(coming, path)
+            except FileExistsError:
+                return None
+            finally:
+                coming.unlink(missing_ok=True)
+            if self._numbers()[-1] != after + 1:  # it was there and has been deposed before we looked
+                path.unlink(missing_ok=True)
+                return None
+            for number in self._numbers():
+                if number <= after:
+                    self._path(number).unlink(missing_ok=True)
+            found = Segments(self.folder, self._disk, self._boot, OwnerFile(descriptor, self))
+            stack.pop_all()
+            return found
 
     def close(self) -> None:
         """See `LogPlace.close`."""
@@ -110,7 +98,7 @@ class FilePlace:
 
 
 class OwnerFile:
-    """The file of this process, which no process that a page forks keeps. `segments.Ownership`."""
+    """The file of this process, which no process that a page forks keeps; see `store`."""
 
     def __init__(self, descriptor: int, place: FilePlace) -> None:
         """Take the file, locked."""
@@ -121,12 +109,18 @@ class OwnerFile:
         return (self._descriptor,)
 
     def expect(self) -> None:
+        """Check that this process may still write.
+
+        Raises:
+            Deposed: another host has the log.
+        """
         descriptor = self._descriptor
         if descriptor >= 0 and not os.fstat(descriptor).st_nlink:
             owner = self._place.look()
             raise Deposed(host="somebody else" if owner is None else owner.host, log=self._place.where)
 
     def beat(self) -> None:
+        """Give a sign of life, as `expect` does."""
         if self._descriptor >= 0:
             os.pwrite(self._descriptor, os.pread(self._descriptor, 1, 0), 0)  # a robot apart may set no times
         self.expect()

@@ -10,7 +10,6 @@ its host hangs. The stop for it lies beside that folder, and counts until the ho
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Collection
 from contextlib import suppress
@@ -20,7 +19,7 @@ from typing import NamedTuple
 from robotree.files import opened_own
 from robotree.vr.base.errors import JournalError
 from robotree.vr.journal.recovery import Recovered
-from robotree.vr.journal.segments import OSDisk, frames_in
+from robotree.vr.journal.segments import OSDisk, frames_in, is_locked
 
 STOP = "stop"
 """Name of the file of a stop, which holds its reason."""
@@ -47,10 +46,10 @@ def kept_away(folder: Path) -> KeptAway | None:
     """
     found = Recovered()
     try:
-        if _in_use(folder):
-            return None
+        with os.fdopen(opened_own(folder / "lock"), "rb") as lock:
+            in_use = is_locked(lock.fileno())
         newest = max(folder.glob("*.log"), default=None)
-        if newest is None:
+        if in_use or newest is None:
             return None
         found.read(frames_in(OSDisk().read(newest), str(newest)), str(newest))
         since = newest.stat().st_mtime
@@ -61,18 +60,6 @@ def kept_away(folder: Path) -> KeptAway | None:
         for robot in found.robots
     }
     return KeptAway(since, running)
-
-
-def _in_use(folder: Path) -> bool:
-    """Whether a host holds the lock of a folder."""
-    lock = opened_own(folder / "lock")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(lock)
-    return False
 
 
 def leave_stop(folder: Path, confirmed: Collection[str], reason: str) -> tuple[str, ...]:
@@ -114,11 +101,8 @@ def _stop_file(folder: Path) -> Path:
 
 def _write_stop(folder: Path, reason: str) -> None:
     take_stop_back(folder)
-    descriptor = opened_own(_stop_file(folder), os.O_WRONLY | os.O_CREAT | os.O_EXCL)
-    try:
-        os.write(descriptor, reason.encode())
-    finally:
-        os.close(descriptor)
+    with os.fdopen(opened_own(_stop_file(folder), os.O_WRONLY | os.O_CREAT | os.O_EXCL), "wb") as file:
+        file.write(reason.encode())
 
 
 def stop_left(folder: Path) -> str:
@@ -133,11 +117,8 @@ def stop_left(folder: Path) -> str:
         descriptor = opened_own(_stop_file(folder))
     except FileNotFoundError:
         return ""
-    try:
-        left = os.fstat(descriptor).st_mtime_ns
-        reason = os.read(descriptor, 1000).decode(errors="replace")
-    finally:
-        os.close(descriptor)
+    with os.fdopen(descriptor, "rb") as file:
+        left, reason = os.fstat(descriptor).st_mtime_ns, file.read(1000).decode(errors="replace")
     if folder.parent.name == APART:
         return reason or "protective stop"
     written = max((path.stat().st_mtime_ns for path in folder.glob("*.log")), default=0)

@@ -8,12 +8,10 @@ from robotree.vr.base.policy import PolicyGate
 from robotree.vr.base.presence import Presence
 from robotree.vr.base.principal import Credentials
 from robotree.vr.base.transport import (
-    CutOffHandler,
     Incoming,
     OnReply,
     Registration,
     RequestHandler,
-    SampleHandler,
     TakeRequest,
     Transport,
 )
@@ -28,6 +26,9 @@ class Outlet:
         self.presence: Presence = transport.presence
         self.identity: Credentials = transport.identity
         self.gate: PolicyGate = transport.gate
+        self.after_reading, self.listeners = transport.after_reading, transport.listeners
+        self.subscribe, self.settle = transport.subscribe, transport.settle
+        self.watch_itself = transport.watch_itself
 
     async def serve(self, key: str, take: TakeRequest, *, rank: int = 0) -> Registration:
         return await self._transport.serve(key, lambda incoming: take(self._guarded(incoming)), rank=rank)
@@ -67,28 +68,13 @@ class Outlet:
         self._barrier()
         self._transport.ask(key, body, void_at=void_at, urgent=urgent, on_reply=on_reply)
 
-    def after_reading(self, job: Callable[[], bool]) -> bool:
-        return self._transport.after_reading(job)
-
     def publish(self, key: str, body: bytes) -> None:
         self._barrier()
         self._transport.publish(key, body)
 
-    def listeners(self, key: str) -> int:
-        return self._transport.listeners(key)
-
-    async def subscribe(self, pattern: str, handler: SampleHandler) -> Registration:
-        return await self._transport.subscribe(pattern, handler)
-
     async def announce(self, key: str, *, unless: Sequence[str] = ()) -> Registration:
         self._barrier()
         return await self._transport.announce(key, unless=unless)
-
-    async def settle(self, within: float) -> None:
-        await self._transport.settle(within)
-
-    async def watch_itself(self, handler: CutOffHandler) -> Registration:
-        return await self._transport.watch_itself(handler)
 
     async def close(self) -> None:
         self._barrier()

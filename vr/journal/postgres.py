@@ -319,7 +319,7 @@ class PostgresLog:
                         found = connection.execute(order, {**self._values, **more}).fetchone()
                 except ConnectionError as error:
                     if time.monotonic() > latest:
-                        raise self._cut_off(error) from None
+                        raise JournalCutOff(where=self.where, seconds=PATIENCE, reason=str(error)) from None
                     time.sleep(AGAIN)
                     continue
                 if found is None or not found[0]:
@@ -327,9 +327,6 @@ class PostgresLog:
                     raise self._deposed()
                 self._sure_until = sent + SURE
                 return
-
-    def _cut_off(self, error: Exception) -> JournalError:
-        return JournalCutOff(where=self.where, seconds=PATIENCE, reason=str(error))
 
     def _deposed(self) -> JournalError:
         host = "somebody else"

@@ -44,13 +44,6 @@ class KeptRobot:
         self.machine: RobotCore | None = None
         """None: its state does not stand in the log yet."""
 
-    def take(self, record: StateKept | PageOffered, machine_of: Callable[[RobotState], RobotCore]) -> None:
-        """Take a record that replaces something of it."""
-        if isinstance(record, StateKept):
-            self.machine = machine_of(record.state)
-        else:
-            self.offered = record.page
-
     @property
     def state(self) -> RobotState:
         """Its state after all that has happened."""
@@ -122,9 +115,12 @@ class Recovered:
                 self._take_move(record)
             case Deleted(robot=number):
                 self._robots.pop(self._keys.pop(number, ""), None)
-            case StateKept(robot=number) | PageOffered(robot=number):
+            case StateKept(robot=number, state=state):
                 if robot := self._robot(number):
-                    robot.take(record, self._machine_of)
+                    robot.machine = self._machine_of(state)
+            case PageOffered(robot=number, page=page):
+                if robot := self._robot(number):
+                    robot.offered = page
 
     def _take_move(
         self, record: MovedOut | MovedBack | CameHere | CameApart | NeverTaken | Transfers

@@ -22,10 +22,13 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from robotree.files import forks, opened_own, private_folder, sync_folder
 from robotree.vr.base.errors import DamagedJournal, JournalInUse, LostJournal
+
+if TYPE_CHECKING:
+    from robotree.vr.journal.files import OwnerFile
 
 HEAD = struct.Struct("<III")
 """Length of the body that follows, the checksum of these four bytes, and that of the body."""
@@ -166,26 +169,6 @@ class OSDisk:
         os.pwrite(lock, data, 0)
 
 
-class Ownership(Protocol):
-    """That this process may write; see `store`."""
-
-    def expect(self) -> None:
-        """Check that this process may still write.
-
-        Raises:
-            Deposed: another host has the log.
-        """
-        ...
-
-    def beat(self) -> None:
-        """Give a sign of life."""
-        ...
-
-    def close(self) -> None:
-        """Let go of it. Twice is once."""
-        ...
-
-
 class Extent(NamedTuple):
     """What the lock file says of the log."""
 
@@ -212,7 +195,7 @@ class Extent(NamedTuple):
 class Segments:
     """The files of one log, in a folder of their own. `LogStore`."""
 
-    def __init__(self, folder: Path, disk: Disk, boot: str = "", owner: Ownership | None = None) -> None:
+    def __init__(self, folder: Path, disk: Disk, boot: str = "", owner: OwnerFile | None = None) -> None:
         """Take the folder for this process.
 
         Args:
@@ -239,8 +222,7 @@ class Segments:
         """Whether the name of the newest file would survive a loss of power."""
         try:
             self._before = Extent.read(disk.marked(self._lock))
-            names = map(_NAME.fullmatch, disk.names(folder))
-            self._numbers = sorted(int(name[1]) for name in names if name)
+            self._numbers = self._there()
         except BaseException:
             self.close()
             raise
@@ -277,8 +259,7 @@ class Segments:
     def _read(self) -> Iterator[tuple[int, bytes]]:
         """Return all files, the oldest first; an owner that was deposed may just have begun another one."""
         while True:
-            names = map(_NAME.fullmatch, self._disk.names(self.folder))
-            self._numbers = sorted(int(name[1]) for name in names if name)
+            self._numbers = self._there()
             try:
                 found = [(number, self._disk.read(self._path(number))) for number in self._numbers]
             except FileNotFoundError:
@@ -287,6 +268,10 @@ class Segments:
             else:
                 yield from found
                 return
+
+    def _there(self) -> list[int]:
+        names = map(_NAME.fullmatch, self._disk.names(self.folder))
+        return sorted(int(name[1]) for name in names if name)
 
     def _expect(self, number: int, size: int) -> None:
         """Miss what was there when the last host wrote; a machine that lost its power may have lost it, too.
@@ -386,6 +371,15 @@ class Segments:
 
     def _path(self, number: int) -> Path:
         return self.folder / f"{number:08}.log"
+
+
+def is_locked(descriptor: int) -> bool:
+    """Whether a process holds the lock of a file."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    return False
 
 
 def seal_frame(frame: bytearray) -> None:
