@@ -159,11 +159,7 @@ class Gateway:
         self._hung: list[tuple[str, str, str]] = []
         """The agents of this machine that hang, as the other sites were told."""
         self._numbers = itertools.count(1)
-        self._own, self._version, self._out = (
-            keys.trust.certificate(keys.own.certificate, wall()),
-            version,
-            "",
-        )
+        self._own, self._version, self._out = keys.certificate(wall()), version, ""
         self._stops = SiteStops(self, keys, stop_here)
         self._showing = Showing(self, transport)
         self._admitted: dict[bytes, bytes] = {}
@@ -447,7 +443,8 @@ class Gateway:
             case SiteState() | StillSo() | AgainStates():
                 self._take_states(site, frame)
             case AboutSite():
-                site.version, site.clock = frame.version[:40], self._clock_of(site, frame)
+                way = 0.0 if site.stream is None else site.stream.way / 2
+                site.version, site.clock = frame.version[:40], frame.wall + way - self._wall()
             case Admitted():
                 self._take_admitted(frame)
             case Hung():
@@ -479,11 +476,6 @@ class Gateway:
                 for state in site.summaries.again(frame.numbers):
                     site.stream.publish(state.key, encode_frame(state))
                 self._flush_soon()
-
-    def _clock_of(self, site: Site, about: AboutSite) -> float:
-        """Return by how much a site's clock is ahead [s], to within the time of the way there and back."""
-        way = 0.0 if site.stream is None else site.stream.way / 2
-        return about.wall + way - self._wall()
 
     def _take_admitted(self, admitted: Admitted) -> None:
         """Remember sites that the authority has admitted: a stop names them though they were never heard."""

@@ -51,11 +51,6 @@ Chance = Callable[[int], bytes]
 """Draws so many bytes that nobody can guess."""
 
 
-def knows_none(_member: str, _session: bytes) -> bool:
-    """Know of no session."""
-    return False
-
-
 class Greeting(msgspec.Struct, frozen=True, array_like=True, tag=1):
     """The first message."""
 
@@ -120,8 +115,8 @@ class _Begun(NamedTuple):
     peer: str
     """Name of the member that it is with; by the initiator: that is meant."""
     transcript: bytes = b""
-    member: Certificate | None = None
-    sealing: Sealing | None = None
+    established: Established | None = None
+    """By the responder: what it will be when the other side has proved who it is."""
 
 
 class Handshakes:
@@ -164,7 +159,7 @@ class Handshakes:
         *,
         now: float,
         wall: float,
-        knows: KnowsSession = knows_none,
+        knows: KnowsSession,
     ) -> HandshakeStep:
         """Take a message.
 
@@ -203,8 +198,8 @@ class Handshakes:
         secret = X25519PrivateKey.from_private_bytes(self._chance(32))
         half = secret.public_key().public_bytes_raw()
         transcript = _transcript(self._trust.realm, greeting, half, self.own.certificate)
-        sealing = _sealing(secret, greeting.half, transcript, initiator=False)
-        self._keep(half, _Begun(secret, now, member.name, transcript, member, sealing))
+        established = Established(member, _sealing(secret, greeting.half, transcript, initiator=False))
+        self._keep(half, _Begun(secret, now, member.name, transcript, established))
         signature = self.own.key.sign(b"responder" + transcript)
         answer = GreetingAnswer(greeting.half, half, self.own.certificate, signature)
         return HandshakeStep(_encode(answer), member.name)
@@ -227,12 +222,12 @@ class Handshakes:
 
     def _take_proof(self, proof: Proof, now: float, wall: float) -> HandshakeStep:
         begun = self._begun.get(proof.to)
-        if begun is None or begun.member is None or begun.sealing is None or now - begun.since > PATIENCE:
+        if begun is None or begun.established is None or now - begun.since > PATIENCE:
             return HandshakeStep()
-        self._trust.check(begun.member, wall)
-        _expect(begun.member, proof.signature, b"initiator" + begun.transcript)
+        self._trust.check(begun.established.member, wall)
+        _expect(begun.established.member, proof.signature, b"initiator" + begun.transcript)
         del self._begun[proof.to]
-        return HandshakeStep(b"", begun.peer, Established(begun.member, begun.sealing))
+        return HandshakeStep(b"", begun.peer, begun.established)
 
     def _keep(self, half: bytes, begun: _Begun) -> None:
         self._begun = {

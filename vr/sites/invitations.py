@@ -143,17 +143,6 @@ def request_to_join(invitation: Invitation, key: Ed25519PrivateKey) -> bytes:
     return _encode(JoinRequest(invitation.number, public, proof, key.sign(text)))
 
 
-class Admission(msgspec.Struct, frozen=True):
-    """A request that the authority has found good: what is to be noted, then handed out."""
-
-    number: str
-    """Of the invitation, which is used now."""
-    name: str
-    kind: MemberKind
-    key: PublicKey
-    certificate: bytes
-
-
 def admitted(
     packed: bytes,
     authority: Authority,
@@ -162,8 +151,8 @@ def admitted(
     *,
     serial: int,
     now: float,
-) -> Admission:
-    """Examine a request to join, and sign the certificate.
+) -> tuple[str, bytes]:
+    """Examine a request to join; return the number of its invitation, which is used now, and a certificate.
 
     Args:
         packed: the request, as it came.
@@ -194,10 +183,9 @@ def admitted(
         raise InvitationRefused(reason="the request does not prove that it has its key")
     if found.name in taken:
         raise InvitationRefused(reason=f"there is a member {found.name} already; ask for another name")
-    certificate = authority.admit(
+    return request.number, authority.admit(
         found.name, found.kind, request.key, serial=serial, now=now, days=found.days, may=found.may
     )
-    return Admission(request.number, found.name, found.kind, request.key, certificate)
 
 
 def _text(realm: str, name: str, key: PublicKey) -> bytes:

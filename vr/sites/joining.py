@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as OverTime
+from contextlib import closing
 from pathlib import Path
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -38,12 +39,10 @@ def ask_authority(folder: Path, invitation: Invitation, *, now: float) -> RealmK
         NetworkUnusable: no hub can be reached.
     """
     expect_room(folder, invitation.realm)
-    key, pipe = Ed25519PrivateKey.generate(), ZenohPipe(invitation.hubs)
-    try:
+    key = Ed25519PrivateKey.generate()
+    with closing(ZenohPipe(invitation.hubs)) as pipe:
         packed = request_to_join(invitation, key)
         certificate = _ask(pipe, Topics(invitation.realm), "join", invitation.number, packed)
-    finally:
-        pipe.close()
     return join(folder, invitation, key, certificate, now=now)
 
 
@@ -55,11 +54,8 @@ def ask_to_renew(keys: RealmKeys, *, now: float) -> Certificate:
         NotAMember: what came is no certificate of this member.
         NetworkUnusable: no hub can be reached.
     """
-    pipe = ZenohPipe(keys.hubs)
-    try:
+    with closing(ZenohPipe(keys.hubs)) as pipe:
         certificate = _ask(pipe, Topics(keys.realm), "renew", keys.name, keys.own.certificate)
-    finally:
-        pipe.close()
     return keys.replace_certificate(certificate, now)
 
 

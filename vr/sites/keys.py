@@ -201,7 +201,6 @@ class RealmKeys:
         now: float,
         days: float = DAYS,
         may: tuple[str, ...] = (),
-        chance: Callable[[int], bytes] = os.urandom,
     ) -> Invitation:
         """Open an invitation.
 
@@ -211,14 +210,13 @@ class RealmKeys:
             now: [s since 1970].
             days: for which its certificate will be good.
             may: roles.
-            chance: source of secrets.
 
         Raises:
             BadName: nobody can have this name.
             NoAuthority: only the authority invites.
             InvitationRefused: the name is taken, or too many invitations are open.
         """
-        authority, secret, ends = self._authority(), chance(SECRET_SIZE), now + OPEN_FOR
+        authority, secret, ends = self._authority(), os.urandom(SECRET_SIZE), now + OPEN_FOR
         invitation = Invitation(self.realm, authority.public, secret, check_name(name), kind, ends, self.hubs)
 
         def change(known: _Members) -> tuple[_Members, None]:
@@ -246,10 +244,9 @@ class RealmKeys:
         def change(known: _Members) -> tuple[_Members, bytes]:
             taken = {one.name: bytes.fromhex(one.key) for one in known.members if not one.revoked}
             serial = 1 + max((one.serial for one in known.members), default=0)
-            found = admitted(packed, authority, known.invitations, taken, serial=serial, now=now)
-            member = self._member(found.certificate, now)
-            rest = {number: one for number, one in known.invitations.items() if number != found.number}
-            return _Members((*known.members, member), rest), found.certificate
+            used, signed = admitted(packed, authority, known.invitations, taken, serial=serial, now=now)
+            rest = {number: one for number, one in known.invitations.items() if number != used}
+            return _Members((*known.members, self._member(signed, now)), rest), signed
 
         certificate = self._change(change)
         admitted_one = self.trust.certificate(certificate, now)
@@ -304,11 +301,10 @@ class RealmKeys:
 
         def change(known: _Members) -> tuple[_Members, bytes]:
             serial = 1 + max((one.serial for one in known.members), default=0)
-            certificate = authority.admit(
+            signed = authority.admit(
                 old.name, old.kind, old.key, serial=serial, now=now, days=days, may=old.may
             )
-            member = self._member(certificate, now)
-            return _Members((*known.members, member), known.invitations), certificate
+            return _Members((*known.members, self._member(signed, now)), known.invitations), signed
 
         return self._change(change)
 
@@ -336,15 +332,9 @@ class RealmKeys:
 
     def _member(self, packed: bytes, now: float) -> Member:
         """Return what the authority knows of a member by a certificate that it has just signed."""
-        signed = self.trust.certificate(packed, now)
+        one = self.trust.certificate(packed, now)
         return Member(
-            signed.name,
-            signed.kind,
-            signed.key.hex(),
-            signed.serial,
-            signed.ends,
-            signed.may,
-            certificate=packed.hex(),
+            one.name, one.kind, one.key.hex(), one.serial, one.ends, one.may, certificate=packed.hex()
         )
 
     def _believe(self, packed: bytes) -> bool:

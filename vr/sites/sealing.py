@@ -22,9 +22,6 @@ _NONCE = Struct(">3xBQ")
 OVERHEAD = _HEAD.size + 16
 """[bytes] by which a message grows."""
 
-MOST = 1 << 62
-"""Messages of one lane and session; nobody lives to see it."""
-
 
 class Lane(IntEnum):
     """Messages of one lane arrive in their order; a lane with a smaller number goes first."""
@@ -92,8 +89,6 @@ class Sealing:
     def seal(self, lane: Lane, body: bytes) -> bytes:
         """Return a message as a packet: the next one of its lane."""
         number = self._sent[lane]
-        if number >= MOST:
-            raise OverflowError
         self._sent[lane] = number + 1
         head = _HEAD.pack(self.session, lane, number)
         return head + self._mine.encrypt(_NONCE.pack(lane, number), body, head)

@@ -162,11 +162,6 @@ class SiteStream:
         """[s] that the shortest way there and back took of late; 0: not known yet."""
         return self._round_trips.least(0.0)
 
-    @property
-    def waits(self) -> int:
-        """[bytes] that wait to leave."""
-        return self._waits
-
     # -- sending
 
     def put(self, lane: Lane, body: bytes, *, until: float = math.inf) -> None:

@@ -23,8 +23,6 @@ class Leaving(NamedTuple):
     """[s] since it was asked."""
     void_at: float
     """[s] on the own clock, after which nobody begins with it; 0: it begins nothing."""
-    ends: bool
-    """It ends something, and is carried out however late it comes."""
     vouched: bool
     """It has come from another site already."""
     permit: str
@@ -35,8 +33,6 @@ class Arrived(NamedTuple):
     """A request that has arrived, with an envelope of this machine."""
 
     body: bytes
-    sender: str
-    """Key under which the asker is present at its site; empty: under none."""
     void_at: float
     """[s] on the own clock, as in `Leaving`; infinite: of one that ends something."""
     expired: bool
@@ -57,7 +53,7 @@ def leaving(body: bytes, now: float) -> Leaving | None:
     begins = isinstance(envelope.request, BEGINS)
     void_at = now - age + envelope.holds if begins else 0.0
     permit = envelope.request.permit if isinstance(envelope.request, Call) else ""
-    return Leaving(age, void_at, isinstance(envelope.request, ENDS), bool(envelope.proof), permit)
+    return Leaving(age, void_at, bool(envelope.proof), permit)
 
 
 def sender_of(body: bytes) -> str:
@@ -88,12 +84,11 @@ def arrived(
         request = msgspec.structs.replace(request, given=given, clock=this_clock())
     if isinstance(request, Call) and (permit is not None or request.vouched is not None):
         request = msgspec.structs.replace(request, vouched=permit if request.permit else None)
-    sender = envelope.sender if known else ""
     body = _encode(
         msgspec.structs.replace(
             envelope,
             request=request,
-            sender=sender,
+            sender=envelope.sender if known else "",
             asked=asked,
             clock=this_clock(),
             proof=_encode(voucher),
@@ -101,7 +96,7 @@ def arrived(
     )
     begins, ends = isinstance(request, BEGINS), isinstance(request, ENDS)
     void_at = asked + envelope.holds if begins else math.inf if ends else 0.0
-    return Arrived(body, sender, void_at, begins and age >= envelope.holds)
+    return Arrived(body, void_at, begins and age >= envelope.holds)
 
 
 def _read(body: bytes) -> Envelope | None:

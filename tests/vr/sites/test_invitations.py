@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from robotree.vr.base.errors import InvitationRefused
 from robotree.vr.sites.certificates import PublicKey
 from robotree.vr.sites.invitations import (
-    Admission,
     Hub,
     Invitation,
     JoinRequest,
@@ -43,11 +42,10 @@ class Inviting:
         }
         self.taken: dict[str, PublicKey] = {}
 
-    def take(self, packed: bytes, now: float = WALL) -> Admission:
-        admission = admitted(packed, self.realm.authority, self.open, self.taken, serial=9, now=now)
-        del self.open[admission.number]
-        self.taken[admission.name] = admission.key
-        return admission
+    def take(self, packed: bytes, now: float = WALL) -> bytes:
+        number, certificate = admitted(packed, self.realm.authority, self.open, self.taken, serial=9, now=now)
+        del self.open[number]
+        return certificate
 
     def refused(self, packed: bytes, now: float = WALL) -> str:
         with pytest.raises(InvitationRefused) as caught:
@@ -61,7 +59,7 @@ def test_who_has_the_token_gets_a_certificate_for_its_own_key_once() -> None:
     assert invitation == inviting.invitation
     key = inviting.realm.key()
     request = request_to_join(invitation, key)
-    certificate = inviting.realm.trust().certificate(inviting.take(request).certificate, WALL)
+    certificate = inviting.realm.trust().certificate(inviting.take(request), WALL)
     assert (certificate.name, certificate.kind, certificate.serial) == ("lab", "site", 9)
     assert certificate.key == key.public_key().public_bytes_raw()
     assert "used already" in inviting.refused(request)
