@@ -191,16 +191,14 @@ def _of_tied(page: Page, imported: Mapping[str, str]) -> Iterator[Finding]:
     for method in page.methods:
         for node in ast.walk(method):
             match node:
-                case ast.Assign(targets=[ast.Attribute() as kept], value=ast.Call() as made):
-                    pass
-                case ast.AnnAssign(target=ast.Attribute() as kept, value=ast.Call() as made):
-                    pass
+                case (
+                    ast.Assign(targets=[ast.Attribute() as kept], value=ast.Call() as made)
+                    | ast.AnnAssign(target=ast.Attribute() as kept, value=ast.Call() as made)
+                ) if (what := _TIED.get(called(made, imported))) and dotted(kept.value) == "self":
+                    why = f"self.{kept.attr} is {what}: the robot cannot move to another host"
+                    yield Finding(kept.lineno, why, "make it where it is used, and let go of it there")
                 case _:
-                    continue
-            what = _TIED.get(called(made, imported))
-            if what and dotted(kept.value) == "self":
-                why = f"self.{kept.attr} is {what}: the robot cannot move to another host"
-                yield Finding(kept.lineno, why, "make it where it is used, and let go of it there")
+                    pass
 
 
 def _of_bare(page: Page) -> Iterator[Finding]:

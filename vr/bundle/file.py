@@ -136,10 +136,7 @@ def _parts(data: bytes, path: str) -> dict[str, bytes]:
     except (zipfile.BadZipFile, ValueError, OSError, UnicodeDecodeError, NotImplementedError):
         raise BadBundle(path=path, reason="it is no bundle") from None
     _expect_plain(archive, infos, data, path)
-    found: dict[str, bytes] = {}
-    for info in infos:
-        found[info.filename] = _content(archive, info, path)
-    return found
+    return {info.filename: _content(archive, info, path) for info in infos}
 
 
 def _expect_plain(archive: zipfile.ZipFile, infos: list[zipfile.ZipInfo], data: bytes, path: str) -> None:

@@ -285,14 +285,9 @@ def reason_of(error: BaseException, file: str, limit: float = LIMIT) -> str:
         return f"{where}on this host {lack}"
     ours = bool(frames) and Path(frames[-1].filename).is_relative_to(_OURS)
     if ours and isinstance(error, TypeError | ValueError):  # one of our own sentences
-        return with_line(str(error), file, where)
+        line = line_of("".join(linecache.getlines(file)), str(error))
+        return f"{f'line {line}: ' if line else where}{error}"
     return f"{where}{_no_slot(error, file) or words_of(error)}"
-
-
-def with_line(sentence: str, file: str, otherwise: str = "") -> str:
-    """Return a sentence (`Team.rovers is …`) behind its line in the page; not found: behind `otherwise`."""
-    line = line_of("".join(linecache.getlines(file)), sentence)
-    return f"{f'line {line}: ' if line else otherwise}{sentence}"
 
 
 def _no_slot(error: BaseException, file: str) -> str:

@@ -189,10 +189,6 @@ def _plot(found: Entries, what: str) -> PlotPart:
     return PlotPart(what, seconds, _optional(found, "label"))
 
 
-def _button(found: Entries, what: str) -> ButtonPart:
-    return ButtonPart(what, _optional(found, "label"), _arguments(found), _optional(found, "confirm"))
-
-
 def _picture(found: Entries, what: str) -> PicturePart:
     view, dot, camera = what.partition(".")
     if not dot or not view or not camera:
@@ -248,7 +244,9 @@ _MAKERS: Mapping[str, Callable[[Entries, str], AnyPart]] = {
     "bar": _bar,
     "plot": _plot,
     "picture": _picture,
-    "button": _button,
+    "button": lambda found, what: ButtonPart(
+        what, _optional(found, "label"), _arguments(found), _optional(found, "confirm")
+    ),
     "form": lambda _, what: FormPart(what),
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from typing import Literal
 
 import msgspec
@@ -52,13 +52,6 @@ class Page:
         self._present: dict[str, tuple[str, int]] = dict.fromkeys(self.slots if base else (), ("slot", 0))
         for item in node.body:
             self._read(item)
-
-    def of_self(self) -> Iterator[ast.Attribute]:
-        """Yield each `self.something` in its methods."""
-        for method in self.methods:
-            for node in ast.walk(method):
-                if isinstance(node, ast.Attribute) and dotted(node.value) == "self":
-                    yield node
 
     def _read(self, item: ast.stmt) -> None:
         match item:

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 
 from robotree.vr.author.robot import HOOKS, call_of
 from robotree.vr.author.virtual_robot import RESERVED
-from robotree.vr.bundle.reading import Finding, Function, Page, mark, pages_of, used_names
+from robotree.vr.bundle.reading import Finding, Function, Page, dotted, mark, pages_of, used_names
 from robotree.vr.bundle.syntax import parse
 
 _NEAR = 0.75
@@ -38,8 +38,9 @@ def mistakes(source: str) -> list[Finding]:
 
 def _of_assignments(page: Page) -> Iterator[Finding]:
     """Find slots, and what every robot has, that a method replaces by something else."""
-    for node in page.of_self():
-        if isinstance(node.ctx, ast.Load):
+    nodes = (node for method in page.methods for node in ast.walk(method) if isinstance(node, ast.Attribute))
+    for node in nodes:
+        if isinstance(node.ctx, ast.Load) or dotted(node.value) != "self":
             continue
         instead = f"keep the value under another name, such as self._{node.attr}"
         if node.attr in page.slots:

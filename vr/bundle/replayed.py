@@ -71,7 +71,8 @@ def of_replay(tree: ast.Module, imported: Mapping[str, str]) -> Iterator[Finding
             match node:
                 case ast.Call():
                     found = _of_call(node, imported)
-                    yield from (one for one in found if not (_asks_the_disk(one) and _names(node) & beside))
+                    ours = bool(_names(node) & beside)
+                    yield from (one for one in found if not (ours and one.what.endswith(_FILE[0])))
                 case (
                     ast.For(iter=ast.Set() | ast.SetComp() as order)
                     | ast.comprehension(iter=ast.Set() | ast.SetComp() as order)
@@ -94,10 +95,6 @@ def _beside(tree: ast.Module) -> set[str]:
 
 def _names(tree: ast.AST) -> set[str]:
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-
-
-def _asks_the_disk(found: Finding) -> bool:
-    return found.what.endswith(_FILE[0])
 
 
 def _functions(tree: ast.Module) -> Iterator[ast.AST]:

@@ -261,7 +261,10 @@ class SpaceService:
             with self._store.together():
                 for work in batch:
                     if not isinstance(work, SpaceRequest):
-                        self._try_work(work)
+                        try:
+                            work()
+                        except SpaceError as error:
+                            _log.warning("%s", error)
                     elif (reply := self._answer_of(work)) is not None:
                         answers.append((work, reply))
                     else:
@@ -278,12 +281,6 @@ class SpaceService:
             self._waiting.update(served)
         for asked, reply in answers:
             asked.answer(reply)
-
-    def _try_work(self, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except SpaceError as error:
-            _log.warning("%s", error)
 
     def _answer_of(self, asked: SpaceRequest) -> Reply | None:
         """Do what is asked, or say again what was answered before; None: it has to wait."""
