@@ -315,7 +315,7 @@ class Engine:
             self._look()
             self._raise(f"in rule {rule}")
             self.firings.append(Firing(rule, because, tuple(self._orders[before:]), self.happened))
-            if count % _GLANCE == 0 and self._spent() - begun > LONGEST:
+            if count % _GLANCE == _GLANCE - 1 and self._spent() - begun > LONGEST:
                 raise ScriptError(f"the rules of {self.program.name} do not come to rest: {self._busiest()}")
         raise ScriptError(f"the rules of {self.program.name} do not come to rest: {self._busiest()}")
 
@@ -422,10 +422,10 @@ class Engine:
             "cancel": self._cancel,
             "play": self._play,
             "wait": self._wait,
-            "note": self._note,
-            "end": self._end,
-            "fail": self._fail,
-            "text": self._text_of,
+            "note": lambda *values: self._order(LogLine(text=joined(values))),
+            "end": lambda *values: self._order(ScriptEnd(text=joined(values))),
+            "fail": lambda *values: self._order(ScriptEnd(text=joined(values), well=False)),
+            "text": lambda *values: into(joined(values)),
             "fields": self._fields,
             CHECK: self._check,
             joins.CROWDED: self._crowds,
@@ -507,18 +507,6 @@ class Engine:
 
     def _play(self, partner: Any, role: Any) -> None:
         self._order(Play(partner=str(partner), role=str(role)))
-
-    def _note(self, *values: Any) -> None:
-        self._order(LogLine(text=joined(values)))
-
-    def _end(self, *values: Any) -> None:
-        self._order(ScriptEnd(text=joined(values)))
-
-    def _fail(self, *values: Any) -> None:
-        self._order(ScriptEnd(text=joined(values), well=False))
-
-    def _text_of(self, *values: Any) -> Any:
-        return into(joined(values))
 
     def _fields(self, *values: Any) -> list[Any]:
         if len(values) > LONGEST_LIST:

@@ -70,7 +70,9 @@ def _because(fired: Firing, rule: Rule, program: Program) -> list[str]:
 
 def _why_not(engine: Engine, rule: Rule, fired: Firing | None) -> list[str]:
     """Return which conditions of a rule lack which facts, in lines."""
-    alone, together = _matched(engine.matches(rule.name))
+    lines = engine.matches(rule.name)  # of each pattern alone, and of the first two, three … together
+    counts = [(line.partition(" ")[0], line.rpartition(" ")[2] != "0") for line in lines]
+    alone, together = ([fits for head, fits in counts if head == sort] for sort in ("Pattern", "CEs"))
     wanted = [condition for condition in rule.conditions if condition.template]
     lacks = [
         (one, lack)
@@ -95,14 +97,6 @@ def _why_not(engine: Engine, rule: Rule, fired: Firing | None) -> list[str]:
     for one, lack in lacks:
         lines += [f"  line {one.mark.line}: {_words(one, engine.program)}", f"    {lack}"]
     return lines
-
-
-def _matched(lines: list[str]) -> tuple[list[bool], list[bool]]:
-    """Return what fits each pattern of a rule alone, and the first two, three … together."""
-    counts = [(line.partition(" ")[0], line.rpartition(" ")[2] != "0") for line in lines]
-    alone = [fits for head, fits in counts if head == "Pattern"]
-    together = [fits for head, fits in counts if head == "CEs"]
-    return alone, together
 
 
 def _lack(engine: Engine, condition: Condition, *, fits: bool, first: bool) -> str:

@@ -204,10 +204,6 @@ class Program(msgspec.Struct, frozen=True, kw_only=True):
         return "\n".join([*parts, *begin, *where])
 
 
-def _several(name: str) -> ScriptSlot:
-    return ScriptSlot(name=name, several=True)
-
-
 MESSAGE, PARTNER, PARAMETER, ROLE = "msg", "partner", "parameter", "role"
 READING, CHOICE = "reading", "choice"
 
@@ -220,7 +216,7 @@ SYSTEM = (
             ScriptSlot(name="perf"),
             ScriptSlot(name="from"),
             ScriptSlot(name="act"),
-            _several("args"),
+            ScriptSlot(name="args", several=True),
             ScriptSlot(name="conv"),
             ScriptSlot(name="by"),
         ),

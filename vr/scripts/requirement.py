@@ -166,16 +166,13 @@ def _check(node: Node) -> None:
     if isinstance(node, Atom):
         return
     numbers = node.head in {"<", "<=", ">", ">=", "+", "-", "*", "/"}
+    compares = numbers or node.head in {"eq", "neq"}
     for part in node.rest:
-        if isinstance(part, Form) and part.head not in {"+", "-", "*", "/"} and (numbers or _compares(node)):
+        if isinstance(part, Form) and part.head not in {"+", "-", "*", "/"} and compares:
             raise node.mark.error("a condition cannot stand where a number is wanted: use brackets and `and`")
         if numbers and isinstance(part, Atom) and part.text in {"?kind", "?name", "?host", "?place"}:
             raise node.mark.error(f"{part.text[1:]} is no number: compare it by = or !=")
         _check(part)
-
-
-def _compares(node: Form) -> bool:
-    return node.head in {"eq", "neq"}
 
 
 def _truth(node: Node, known: KnownRobot) -> bool | None:  # noqa: PLR0911 # one for each form

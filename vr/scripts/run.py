@@ -114,39 +114,6 @@ LONGEST = 500
 """Messages that may wait: more is a flood."""
 
 
-class ScriptInbox:
-    """Takes happenings from any thread; one command takes them out."""
-
-    def __init__(self, wake: Callable[[], None]) -> None:
-        """Begin empty.
-
-        Args:
-            wake: has the command look that takes them out.
-        """
-        self._waiting: deque[Happening | int] = deque()
-        self._wake = wake
-
-    def put(self, happening: Happening | int) -> None:
-        """Take in what happens, or the number of an act that has ended."""
-        self._waiting.append(happening)
-        self._wake()
-
-    def put_back(self, number: int) -> None:
-        """Take in the number of an act that has ended, to be taken out next."""
-        self._waiting.appendleft(number)
-
-    def offer(self, happening: Happening) -> bool:
-        """Take in what somebody else says; return False if too much waits already."""
-        if len(self._waiting) >= LONGEST:
-            return False
-        self.put(happening)
-        return True
-
-    def take(self) -> Happening | int | None:
-        """Return the oldest one; None: nothing waits."""
-        return self._waiting.popleft() if self._waiting else None
-
-
 TICK = 0.05
 """[s] Longest time until the thread looks again: at partners, at a cancel, at progress."""
 MOST_ACTS = 64
@@ -222,7 +189,9 @@ class ScriptRun:
         self.engine = Engine(program, parameters, spent=self._spent)
         self.lock = threading.Lock()
         """Held while the rules work or are looked at, never during a wait: CLIPS takes one thread."""
-        self.inbox = ScriptInbox(activity.wake)
+        self.inbox = deque[Happening | int]()
+        """Messages, and the numbers of acts that have ended, until this command takes them out."""
+        self._wake = activity.wake
         self.missing = ""
         """The partners that it lacks, in words; empty: it is active."""
         self.answers: dict[str, ScriptReply] = {}
@@ -286,7 +255,8 @@ class ScriptRun:
             CommandCancelled: it was ended from outside.
         """
         try:
-            self._await_partners()
+            self._next(self._whether_whole)
+            self._say("active")
             self._tell(Happening(act="start"))
             while self._over is None:
                 self.take(self._next(self.look))
@@ -298,10 +268,6 @@ class ScriptRun:
 
     def _failed(self, detail: str) -> CommandFailed:
         return CommandFailed(robot=self._robot.name, command="start", detail=detail)
-
-    def _await_partners(self) -> None:
-        self._next(self._whether_whole)
-        self._say("active")
 
     def _next(self, look: Callable[[], Happening | None]) -> Happening:
         """Wait for what happens next, as one step of the command."""
@@ -323,6 +289,11 @@ class ScriptRun:
             self._say(f"inactive: {missing}")
         self.missing = missing
         return None if missing else Happening(act="whole")
+
+    def put(self, item: Happening | int) -> None:
+        """Take in a message, or the number of an act that has ended; from any thread."""
+        self.inbox.append(item)
+        self._wake()
 
     # -- what the rules are told -------------------------------------------------------------------
 
@@ -439,7 +410,8 @@ class ScriptRun:
                 return Happening(
                     act="timer", sender=TIMER, arguments=(timer.name,), conversation=timer.conversation
                 )
-        while (item := self.inbox.take()) is not None:
+        while self.inbox:
+            item = self.inbox.popleft()
             happening = self._end_of(item) if isinstance(item, int) else item
             if happening is not None:
                 return happening
@@ -531,7 +503,7 @@ class ScriptRun:
                 number=number,
             )
             if (change := self._change_of_partners()) is not None:  # that one is lost is told before
-                self.inbox.put_back(number)
+                self.inbox.appendleft(number)
                 return change
             name = self._seats.get(order.partner, "")
             if isinstance(error, Stopped) and error.data["robot"] == name and order.partner not in self._held:
@@ -637,7 +609,7 @@ class ScriptRun:
             act.after = 0
             if failure and act.order.conversation != ROLE:
                 act.error = VrError(detail=f"{act.order.partner} does not play the role for it: {failure}")
-                self.inbox.put(number)
+                self.put(number)
             else:
                 self._begin(number, act)
 
@@ -652,9 +624,9 @@ class ScriptRun:
             raise
         except VrError as error:
             act.error = error
-            self.inbox.put(number)
+            self.put(number)
         else:
-            act.call.when_done(lambda: self.inbox.put(number))
+            act.call.when_done(lambda: self.put(number))
 
     def _asked(self, order: Do) -> Any:
         """Return an `_Asked` as plain data: the names are known only while the partner is there."""

@@ -27,7 +27,7 @@ from robotree.vr.scripts.happening import Happening
 from robotree.vr.scripts.program import Hears, Partner, Program
 from robotree.vr.scripts.questions import wrong
 from robotree.vr.scripts.roles.player import forward
-from robotree.vr.scripts.run import ANSWERED, ScriptRun, flat, lacking, words
+from robotree.vr.scripts.run import ANSWERED, LONGEST, ScriptRun, flat, lacking, words
 from robotree.vr.scripts.when_then import read_yaml
 
 OPERATOR = "operator"
@@ -218,10 +218,6 @@ class Script(VirtualRobot):
     def _not_started(self) -> str:
         return f"it is not started; `robotree call {self.name}.start --detach` starts it"
 
-    def _conversation(self, run: ScriptRun) -> str:
-        self._numbers = max(self._numbers, run.talks) + 1
-        return f"talk-{self._numbers}"
-
     def _failed(self, command: str, detail: str) -> CommandFailed:
         return CommandFailed(robot=self.name, command=command, detail=detail)
 
@@ -259,19 +255,23 @@ class Script(VirtualRobot):
         run, activity, key = self._running(act), running(), self.context.key
         if key in run.taken:  # before its host was started again
             return run
+        if not conversation:
+            self._numbers = max(self._numbers, run.talks) + 1
+            conversation = f"talk-{self._numbers}"
         message = Happening(
             act=act,
             performative=performative,
             sender=sender or self._sender,
             arguments=flat(arguments),
-            conversation=conversation or self._conversation(run),
+            conversation=conversation,
             reply_by=reply_by,
             key=key,
         )
         run.waiting[key] = activity.wake
         try:
-            if not run.inbox.offer(message):
+            if len(run.inbox) >= LONGEST:
                 raise self._failed(act, "it is flooded: too many messages wait for its rules; send fewer")
+            run.put(message)
             while not activity.wait_for(lambda: key in run.taken or self._run is not run, PAUSE):
                 pass
         finally:

@@ -321,10 +321,8 @@ def run(
         BrokenScript: a line of it cannot be read.
         ScriptError: the rules cannot be built.
     """
+    known = [one.name for one in program.partners] + [one.name for one in program.parameters]
     for name in (*trial.missing, *trial.parameters, *trial.roles):
-        known = [partner.name for partner in program.partners] + [
-            parameter.name for parameter in program.parameters
-        ]
         if name not in known:
             raise trial.mark.error(
                 f"the script has no partner or parameter {name!r}; it has: {', '.join(known)}"

@@ -88,18 +88,8 @@ def values_of(event: str) -> tuple[str, ...]:
 
 COMPARISONS = {"above": ">", "below": "<", "at least": ">=", "at most": "<="}
 ACTIONS = (
-    "do",
-    "ask",
-    "remember",
-    "forget",
-    "update …",
-    "wait",
-    "cancel",
-    "reply",
-    "role",
-    "log",
-    "end",
-    "fail",
+    *("do", "ask", "remember", "forget", "update …", "wait"),
+    *("cancel", "reply", "role", "log", "end", "fail"),
 )
 _VARIABLE = re.compile(r"\$([^\W\d]\w*)")
 
@@ -119,7 +109,8 @@ def read_yaml(source: str, path: str) -> Program:
     program = _head(program, root)
     for key, slots in entries(root.get("facts"), "facts", root.mark):
         program = with_template(program, _template(key, slots))
-    facts = tuple(_first(fact, program) for fact in items(root.get("begin with"), root.mark).items)
+    begun = items(root.get("begin with"), root.mark).items
+    facts = tuple(first_fact(new_fact(fact, "a fact"), program) for fact in begun)
     rules: dict[str, Rule] = {}
     given = root.get("rules")
     if given is not None and not isinstance(given, Items):
@@ -246,10 +237,6 @@ def _template(key: Word, given: Written) -> FactTemplate:
         else:
             slots.append(ScriptSlot(name=slot.text, default=value_of(word(default, "a default", slot.mark))))
     return FactTemplate(name=name, slots=tuple(slots), mark=key.mark)
-
-
-def _first(given: Written, program: Program) -> Form:
-    return first_fact(new_fact(given, "a fact"), program)
 
 
 def new_fact(given: Written, what: str) -> Form:
@@ -469,16 +456,8 @@ class _Rule:
         return self._message(name.mark, said, form("act", plain(hears.name)), form("args", *args))
 
     def _message(self, mark: Mark, said: dict[str, Written], *slots: Node) -> Form:
-        more = [
-            form(slot, *self._wish(said[key]))
-            for key, slot in (
-                ("partner", "from"),
-                ("from", "from"),
-                ("conversation", "conv"),
-                ("reply by", "by"),
-            )
-            if key in said
-        ]
+        known = {"partner": "from", "from": "from", "conversation": "conv", "reply by": "by"}
+        more = [form(slot, *self._wish(said[key])) for key, slot in known.items() if key in said]
         return form(MESSAGE, *slots, *more, mark=mark)
 
     def _event(self, name: Word, given: Written) -> Form:
