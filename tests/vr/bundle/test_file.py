@@ -179,6 +179,7 @@ def test_a_bundle_that_lacks_a_part_is_refused(part: str, reason: str) -> None:
         (b'{"format"', b'{"more":1,"format"', "its manifest cannot be read"),
         (b'"Arm.move"', b'"Arm move"', "'Arm move' is no permission"),
         (b'"files":{"guide.py"', b'"files":{"../guide.py"', "leads out of it"),
+        (b'"lib/grip.py"', b'"mAp.json"', "two of its files differ only in capital letters"),
         (b"FORCE = 3", b"FORCE = 9", "lib/grip.py was changed after it was signed"),
     ],
 )

@@ -24,12 +24,9 @@ from robotree.vr.base.requests import AnyRequest, BundleRead, Call, Create, Dele
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import OWN, Clearance, Gate
 from robotree.vr.exchange.asking import send_request
-from robotree.vr.exchange.client import HostClient, RobotClient
-from robotree.vr.journal.journal import HostJournal
-from robotree.vr.running.process import Process
-from robotree.vr.running.runner import runner_of
-from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.exchange.client import HostClient
 from tests.vr.bundle.signed import key_of, of, signer, trusting
+from tests.vr.place import HostPlace
 
 PAGE = """
 from robotree.vr import VirtualRobot, command
@@ -42,31 +39,15 @@ class Guide(VirtualRobot):
 NOTHING = Permissions()
 
 
-class Place:
-    """A host that may be started again."""
+class Place(HostPlace):
+    """A host that trusts Anna."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.network = folder, MemoryNetwork()
-        self.trust = trusting(folder, signer("anna", isolation="none"))
-        self.gate = Gate(self.trust)
-
-    async def start(self) -> None:
-        runner = runner_of(asyncio.get_running_loop())
-        self.journal = HostJournal(self.folder / "journal", runner)
-        process = Process(runner, self.journal)
-        transport = self.network.join("host-1")
-        self.host = Host(transport, "host-1", process=process, journal=self.journal, gate=self.gate)
-        self.client = HostClient(self.network.join("operator"), self.host.address)
-        await self.host.start()
-        await self.host.restore()
-
-    async def end(self) -> None:
-        await self.host.close()
-        self.journal.close()
+        super().__init__(folder)
+        self.gate = Gate(trusting(folder, signer("anna", isolation="none")))
 
     async def greeting(self, name: str) -> object:
-        robot = RobotClient(self.network.join(), self.host.agents[name].address)
-        return await robot.call("greet", {})
+        return await self.robot(name).call("greet", {})
 
 
 @pytest.fixture
@@ -210,7 +191,7 @@ async def test_a_signed_page_asks_and_sees_no_more_than_its_manifest_says(place:
         client = HostClient(place.network.join("operator-2"), home.address)
     arm = await client.create(Bundle(ARM, "arm.py"), "arm")
     await place.client.create(of("anna", LIMITED, source=BOSS), "boss")
-    boss = RobotClient(place.network.join(), place.host.agents["boss"].address)
+    boss = place.robot("boss")
     await boss.enslave("arm", arm.address)
     assert await boss.call("move", {}) == 2.0
     sentence = "boss may not call Arm.melt: the manifest of its page does not permit it"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from itertools import cycle
 from pathlib import Path
@@ -11,10 +9,9 @@ from pathlib import Path
 import pytest
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import HistoryUnusable
 from robotree.vr.base.history_event import HistoryEvent
 from robotree.vr.base.principal import Principal
-from robotree.vr.base.requests import Call, EventsVerified, Raised, ReadEvents, Returned
+from robotree.vr.base.requests import Call, Raised, ReadEvents, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import GrantedLease, Slots
 from robotree.vr.core.machine import Calls, RobotCore, RobotState
@@ -203,51 +200,6 @@ def test_what_stands_in_the_journal_and_not_in_the_file_is_written_by_the_next_p
     wait_until(lambda: len(kept(history)) == 2)
     assert [event.kind for event in kept(history)] == ["accepted", "ended"]
     history.close()
-
-
-FILLER = """
-import sys, time
-from pathlib import Path
-sys.path.insert(0, {tests!r})
-from tests.vr.history.test_history_writer import Robot
-from robotree.vr.history.writer import HistoryWriter
-from tests.waiting import wait_until
-history = HistoryWriter(Path({folder!r}))
-history.start()
-robot = Robot(history)
-print("begins", flush=True)
-for number in range(20_000):
-    robot.go(f"k{{number}}")
-    robot.end(f"k{{number}}")
-    time.sleep(0.0005)
-"""
-
-
-def test_the_chain_holds_whenever_the_process_that_writes_it_is_killed(tmp_path: Path) -> None:
-    source = FILLER.format(tests=str(Path(__file__).parents[3]), folder=str(tmp_path))
-    count = 0
-    for _ in range(2):
-        process = subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE)
-        assert process.stdout is not None
-        assert process.stdout.readline() == b"begins\n"
-        wait_until(lambda before=count: verified(tmp_path).count > before + 100)
-        process.kill()  # while it writes more
-        process.wait()
-        process.stdout.close()
-        found = verified(tmp_path)
-        assert found.fault == ""
-        count = found.count
-
-
-def verified(folder: Path) -> EventsVerified:
-    try:
-        file = HistoryFile(folder / "history.db")
-    except HistoryUnusable:
-        return EventsVerified()  # not there yet
-    try:
-        return file.verify()
-    finally:
-        file.close()
 
 
 def test_moments_are_right_when_the_process_is_interrupted_between_two_clocks(tmp_path: Path) -> None:

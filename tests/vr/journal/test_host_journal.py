@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import CopiedJournal, JournalUnusable, OtherJournal
+from robotree.vr.base.errors import CopiedJournal, DamagedJournal, JournalUnusable, OtherJournal
 from robotree.vr.base.requests import Call, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import GrantedLease, Slots
@@ -25,7 +25,7 @@ from robotree.vr.journal.files import FilePlace
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.segments import OSDisk
-from robotree.vr.world.disk import Medium, MemoryDisk
+from robotree.vr.world.disk import MemoryDisk
 
 PAGE = KeptPage("class It(VirtualRobot): ...", "/it.py")
 
@@ -176,6 +176,31 @@ def test_a_page_counts_when_the_robot_has_turned_to_it(tmp_path: Path) -> None:
     following.close()
 
 
+def test_a_robot_that_was_on_its_way_and_has_not_moved_is_here(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    robots = [Kept(journal, name) for name in ("back", "away")]
+    for each in robots:
+        journal.out(each.key, "t", "h2", "log", "secret")
+    journal.back(robots[0].key)
+    journal.close()
+    following = opened(Path(journal.where))
+    assert [kept.out is None for kept in following.found.robots] == [True, False]
+    following.close()
+
+
+def test_an_event_that_its_robot_refuses_now_is_damage(tmp_path: Path) -> None:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    robot = Kept(journal)
+    robot.call("k")
+    other = on.Invoke(call=Call(key="k", command="melt", deadline=9.0), arguments={}, deadline_at=9.0)
+    journal.append(robot.key, 1.0, other)
+    journal.close()
+    with pytest.raises(DamagedJournal, match="it took Invoke and now refuses it"):
+        opened(Path(journal.where))
+
+
 def test_a_full_disk_keeps_nothing_and_says_so_and_later_all_again(tmp_path: Path) -> None:
     disk = FullDisk()
     journal = opened(tmp_path / "h", disk=disk)
@@ -315,37 +340,6 @@ def test_a_disk_that_is_read_only_is_named_with_what_to_do(
     monkeypatch.setattr(OSDisk, method, refuse)
     with pytest.raises(JournalUnusable, match=r"h.* cannot be used \(read-only file system\).*--forget"):
         opened(tmp_path / "h").begin()
-
-
-def test_a_second_end_within_the_first_write_of_the_next_life_loses_nothing() -> None:
-    medium, ends = Medium(), {"write": 0}
-
-    class Ended(BaseException):
-        pass
-
-    def moment(name: str) -> None:
-        ends["write"] -= name == "within write"
-        if name == "within write" and ends["write"] == 0:
-            raise Ended
-
-    def life(writes: int) -> HostJournal:
-        ends["write"] = writes
-        return HostJournal(Path("/h"), Clock(), boot="this", disk=MemoryDisk(medium, moment=moment))
-
-    journal = life(3)
-    journal.begin()
-    robot = Kept(journal)
-    journal.barrier()
-    waited = encode_state(robot.core.state)
-    robot.call("k")
-    with pytest.raises(Ended):
-        journal.barrier()
-    for _ in range(2):
-        medium.locks.clear()
-        with pytest.raises(Ended):
-            life(1).begin()
-    medium.locks.clear()
-    assert [encode_state(kept.state) for kept in life(9).found.robots] == [waited]
 
 
 def test_several_threads_write_and_nothing_is_lost(tmp_path: Path) -> None:

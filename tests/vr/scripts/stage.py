@@ -13,6 +13,8 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.author.robot import Robot
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import RobotClient
+from robotree.vr.lookup.registrar import Registrar
+from robotree.vr.lookup.service import LookupService
 from robotree.vr.scripts.roles import Limit, RolePlayer, in_role
 from robotree.vr.world.network import MemoryNetwork
 
@@ -72,10 +74,12 @@ class Stage:
         self.begun: list[asyncio.Task[Any]] = []
 
     async def start(self, robot: Robot) -> RobotAgent:
-        agent = RobotAgent(robot, self.network.join(robot.name))
+        return await self.begun_as(RobotAgent(robot, self.network.join(robot.name)))
+
+    async def begun_as(self, agent: RobotAgent) -> RobotAgent:
         await agent.start()
         self.all.append(agent)
-        self.agents[robot.name] = agent
+        self.agents[agent.address.name] = agent
         return agent
 
     async def companion(self, name: str = "c1") -> Companion:
@@ -115,3 +119,25 @@ class Stage:
         await asyncio.gather(*self.begun, return_exceptions=True)
         for transport in list(self.network.members):
             await transport.close()
+
+
+class Listed(Stage):
+    """A stage with a lookup service."""
+
+    async def open(self) -> None:
+        await LookupService(self.network.join("lookup"), "lookup").start()
+
+    async def start(self, robot: Robot) -> RobotAgent:
+        transport = self.network.join(robot.name)
+        return await self.begun_as(RobotAgent(robot, transport, registrar=Registrar(transport)))
+
+
+class Charged(Companion):
+    """Has a battery, and is at a place."""
+
+    def __init__(self, name: str, battery: float, place: str) -> None:
+        super().__init__(name)
+        self.battery, self.attributes = battery, {"place": place}
+
+    def readings(self) -> dict[str, float]:
+        return {"battery": self.battery}

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-
 import pytest
 
-from robotree.vr.agents.agent import RobotAgent
-from robotree.vr.author.robot import Robot
 from robotree.vr.base.errors import BrokenScript
-from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.lookup.service import LookupService
-from tests.vr.scripts.stage import Companion, Stage
+from tests.vr.scripts.stage import Charged, Listed
 from tests.waiting import until
 
 SCRIPT = """
@@ -28,38 +22,6 @@ EXPERT = """
   (partner robot (kind Companion) (needs say) (choose free) (where "battery > 30 and near hall")))
 (defrule hello (msg (act start)) => (do robot say hello))
 """
-
-
-class Charged(Companion):
-    def __init__(self, name: str, battery: float, place: str) -> None:
-        super().__init__(name)
-        self.battery, self.attributes = battery, {"place": place}
-
-    def readings(self) -> dict[str, float]:
-        return {"battery": self.battery}
-
-
-class Listed(Stage):
-    """A stage with a lookup service."""
-
-    async def open(self) -> None:
-        await LookupService(self.network.join("lookup"), "lookup").start()
-
-    async def start(self, robot: Robot) -> RobotAgent:
-        transport = self.network.join(robot.name)
-        agent = RobotAgent(robot, transport, registrar=Registrar(transport))
-        await agent.start()
-        self.all.append(agent)
-        self.agents[robot.name] = agent
-        return agent
-
-
-@pytest.fixture
-async def listed() -> AsyncIterator[Listed]:
-    stage = Listed()
-    await stage.open()
-    yield stage
-    await stage.close()
 
 
 @pytest.mark.parametrize(("source", "suffix"), [(SCRIPT, ".yaml"), (EXPERT, ".clp")])

@@ -11,8 +11,7 @@ from robotree.vr.base.errors import BrokenScript, CommandFailed
 from robotree.vr.base.group import RobotGroup
 from robotree.vr.network.group_file import groups_beside
 from robotree.vr.network.policy_file import PolicyFile
-from tests.vr.scripts.stage import Companion, Stage
-from tests.vr.scripts.test_chosen_partners import Charged, Listed
+from tests.vr.scripts.stage import Charged, Companion, Listed, Stage
 from tests.waiting import until
 
 TEAM = """
@@ -49,14 +48,14 @@ rules:
 """
 
 
-async def led(stage: Stage) -> tuple[list[Companion], asyncio.Task[object], object]:
+async def led(stage: Stage, source: str = TEAM) -> tuple[list[Companion], asyncio.Task[object]]:
     robots = [await stage.companion(f"c{each}") for each in (1, 2, 3)]
-    script = await stage.script(TEAM, "team")
+    script = await stage.script(source, "team")
     for each in (1, 2, 3):
         await stage.enslave("team", f"team_{each}", f"c{each}")
     running = stage.begin("team")
     await stage.until(lambda: script.condition == "active" and script._run.engine.happened >= 4)
-    return robots, running, script
+    return robots, running
 
 
 def lines(stage: Stage) -> list[str]:
@@ -64,7 +63,7 @@ def lines(stage: Stage) -> list[str]:
 
 
 async def test_an_act_goes_to_each_member_and_ends_once_when_all_have_answered(stage: Stage) -> None:
-    robots, running, _ = await led(stage)
+    robots, running = await led(stage)
     robots[1].go.clear()
     await stage.call("team", "go", place="hall")
     await stage.until(lambda: robots[0].done and robots[2].done)
@@ -80,7 +79,7 @@ async def test_an_act_goes_to_each_member_and_ends_once_when_all_have_answered(s
 
 
 async def test_who_does_not_do_it_is_named_and_the_others_have_done_it(stage: Stage) -> None:
-    robots, running, _ = await led(stage)
+    robots, running = await led(stage)
     robots[2].fails = "go_to"
     await stage.call("team", "go", place="hall")
     await stage.until(lambda: any(line.startswith("1 of 3 did not do it: c3: ") for line in lines(stage)))
@@ -92,7 +91,7 @@ async def test_who_does_not_do_it_is_named_and_the_others_have_done_it(stage: St
 
 
 async def test_a_member_that_is_lost_is_left_out(stage: Stage) -> None:
-    robots, running, _ = await led(stage)
+    robots, running = await led(stage)
     await stage.release("team", "team_2")
     await stage.until(lambda: "we have lost c2" in lines(stage))
     await stage.call("team", "go", place="hall")
@@ -105,12 +104,7 @@ async def test_a_member_that_is_lost_is_left_out(stage: Stage) -> None:
 
 async def test_a_failure_of_a_group_that_no_rule_handles_ends_the_script(stage: Stage) -> None:
     source = TEAM.replace("failed: {partner: team, act: go_to", "failed: {partner: team, act: wave")
-    robots = [await stage.companion(f"c{each}") for each in (1, 2, 3)]
-    script = await stage.script(source, "team")
-    for each in (1, 2, 3):
-        await stage.enslave("team", f"team_{each}", f"c{each}")
-    running = stage.begin("team")
-    await stage.until(lambda: script.condition == "active" and script._run.engine.happened >= 4)
+    robots, running = await led(stage, source)
     robots[0].fails = "go_to"
     await stage.call("team", "go", place="hall")
     with pytest.raises(CommandFailed, match=r"team.go_to failed \(1 of 3 did not do it: c1: "):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import signal
 import time
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import pytest
 
@@ -17,8 +17,7 @@ from robotree.vr.base.errors import BrokenScript, BrokenSource, NoSuchRole, VrEr
 from robotree.vr.bundle import Bundle
 from robotree.vr.scripts.roles import read_profile
 from tests.plant import Machine
-from tests.vr.scripts.stage import Companion
-from tests.vr.scripts.test_chosen_partners import Listed
+from tests.vr.scripts.stage import Companion, Listed
 from tests.waiting import until, wait_until
 
 GREETER = Path(__file__).parents[3] / "examples/services/greeter.py"
@@ -45,14 +44,6 @@ class Desk(Service):
     @command
     def ring(self) -> None:
         """Ring."""
-
-
-@pytest.fixture
-async def listed() -> AsyncIterator[Listed]:
-    stage = Listed()
-    await stage.open()
-    yield stage
-    await stage.close()
 
 
 def knows(robot: Companion) -> set[str]:
@@ -127,25 +118,14 @@ async def test_no_role_is_taken_from_its_owner_by_its_name(listed: Listed) -> No
     assert robot.role == "desk-clerk", "its own stays"
 
 
-@pytest.mark.parametrize(
-    ("set_later", "sentence"),
-    [
-        ({"a-b": "role: a-b\n"}, "'a-b' has a '-', which parts a service from its role; leave it out"),
-        ({"clerk": f"role: clerk\ndoc: {'x' * 10_000}\n"}, "has more than 10000 characters"),
-        (5, "gives a role by name"),
-    ],
-    ids=["of another one", "too long", "no roles"],
-)
-async def test_a_service_that_sets_later_what_cannot_be_lent_lends_nothing(
-    listed: Listed, set_later: Any, sentence: str
-) -> None:
+async def test_a_service_that_sets_later_what_cannot_be_lent_lends_nothing(listed: Listed) -> None:
     class Late(Service):
         lends: ClassVar = {"clerk": CLERK}
 
         @command
         def lend_other(self) -> None:
             """Lend what its class did not name."""
-            type(self).lends = set_later
+            type(self).lends = {"a-b": "role: a-b\n"}
             self.attributes = {"place": "hall"}  # its listing is made anew
 
     robot = Companion("c1")
@@ -156,6 +136,7 @@ async def test_a_service_that_sets_later_what_cannot_be_lent_lends_nothing(
     await listed.call("desk", "lend_other")
     assert listed.agents["desk"].description().lends == ()
     await until(lambda: knows(robot) == own, "its listing lends nothing any more")
+    sentence = "'a-b' has a '-', which parts a service from its role; leave it out"
     assert len([line for line in log(listed, "desk") if sentence in line]) == 1
 
 

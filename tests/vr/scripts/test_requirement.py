@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from robotree.vr.base.errors import RequirementUnreadable, VrError
-from robotree.vr.base.group import RobotGroup
-from robotree.vr.scripts.requirement import KnownRobot, member_rule, requirement
+from robotree.vr.base.errors import RequirementUnreadable
+from robotree.vr.scripts.requirement import KnownRobot, requirement
 
 R1 = KnownRobot(
     name="r1",
@@ -105,29 +104,6 @@ def test_what_cannot_be_read_is_refused_in_one_sentence(text: str, reason: str) 
         requirement(text)
     assert reason in str(refusal.value), refusal.value
     assert "\n" not in str(refusal.value)
-
-
-def test_groups_stand_for_their_members_and_rules() -> None:
-    groups = {
-        "cleaners": RobotGroup(name="cleaners", names=("r1", "r2")),
-        "strong": RobotGroup(name="strong", rule="battery > 50"),
-        "both": RobotGroup(name="both", rule="in cleaners and in strong"),
-        "snake": RobotGroup(name="snake", rule="in snake"),
-    }
-
-    def holds(text: str) -> bool | None:
-        return requirement(text).expanded(groups.__getitem__).holds(R1)
-
-    assert holds("in cleaners")
-    assert holds("in strong")
-    assert holds("in both")
-    assert holds("charged and in both")
-    assert not holds("not in cleaners")
-    assert member_rule(groups["both"], groups.__getitem__).holds(R1)
-    with pytest.raises(RequirementUnreadable, match="snake is a part of itself"):
-        holds("in snake")
-    with pytest.raises(VrError):
-        member_rule(groups["snake"], groups.__getitem__)
 
 
 def test_what_was_seen_is_told_where_it_was_asked_for() -> None:

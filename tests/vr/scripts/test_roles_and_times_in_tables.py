@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from robotree.vr.scripts.trial import Rehearsal, read_table, run
 from robotree.vr.scripts.when_then import read_yaml
-from tests.vr.scripts.stage import Stage
-from tests.vr.scripts.test_script_stories import HEAD, led
+from tests.vr.scripts.test_script_stories import HEAD
 
 TIMES = """\
 script: times
@@ -68,12 +67,3 @@ def test_a_table_gives_partners_their_roles() -> None:
     program = read_yaml(SPEAKS, "roles.yaml")
     _, trials = read_table(ROLES, "roles.test.yaml")
     assert [one.fault for trial in trials for one in run(program, trial)] == ["", "", "", ""]
-
-
-async def test_a_line_for_people_is_in_the_log_of_the_scripts_robot(stage: Stage) -> None:
-    await led(stage, HEAD + "  - rule: told\n    when: [go: {place: $p}]\n    then: [log: we go to the $p]\n")
-    await stage.call("guide", "go", place="hall")
-    log = stage.agents["guide"].runtime.log
-    await stage.until(lambda: any(one.text == "we go to the hall" for one in log.since(0)))
-    (line,) = [one for one in log.since(0) if one.text == "we go to the hall"]
-    assert line.level == "info"

@@ -15,6 +15,9 @@ from robotree.vr.base.errors import (
     NoSuchRole,
     UnderWay,
 )
+from robotree.vr.scripts import run
+from robotree.vr.scripts.happening import Happening
+from robotree.vr.scripts.run import LONGEST
 from tests.vr.scripts.stage import EXAMPLES, Companion, Stage
 
 GUIDE = (EXAMPLES / "guide.yaml").read_text()
@@ -75,9 +78,12 @@ async def test_a_script_that_failed_can_still_be_asked_why(stage: Stage) -> None
     robot, script, running = await led(stage)
     robot.fails = "go_to"
     await stage.call("guide", "go", place="hall")
-    with pytest.raises(CommandFailed, match="a motor is hot"):
+    with pytest.raises(
+        CommandFailed, match=r"robot.go_to failed \(.*a motor is hot.*\) and no rule handles it"
+    ):
         await running
     await stage.until(lambda: script.condition == "ready")
+    assert "a motor is hot" in script.attributes["ended"]
     assert "  go: {place: hall, from: operator" in await stage.call("guide", "why", rule="go")
     told = await stage.call("guide", "facts")
     assert "a motor is hot" in told
@@ -116,28 +122,6 @@ async def test_a_script_starts_and_leads_another_script(stage: Stage) -> None:
     await stage.until(lambda: small.condition == "ready")  # it ended with the act of the one that led it
 
 
-async def test_do_never_waits_for_the_robot(stage: Stage) -> None:
-    robot, script, _ = await led(stage)
-    robot.go.clear()
-    for place in ("hall", "kitchen", "garden"):
-        await stage.call("guide", "go", place=place)
-    await stage.until(lambda: script._run.engine.happened == 5)
-    assert robot.done == []
-    robot.go.set()
-    await stage.until(lambda: len(robot.done) == 3)
-
-
-async def test_an_act_that_fails_ends_the_script_unless_a_rule_handles_it(stage: Stage) -> None:
-    robot, script, running = await led(stage)
-    robot.fails = "go_to hall"
-    await stage.call("guide", "go", place="hall")
-    with pytest.raises(
-        CommandFailed, match=r"robot.go_to failed \(.*a motor is hot.*\) and no rule handles it"
-    ):
-        await running
-    assert "a motor is hot" in script.attributes["ended"]
-
-
 async def test_an_act_that_the_robot_does_not_have_is_a_failure_in_the_facts(stage: Stage) -> None:
     source = HEAD.replace("rules:", "rules:\n  - rule: fly\n    when: [go]\n    then: [do: robot.fly]")
     source += "  - rule: no-wings\n    when: [failed: {act: fly, reason: $why}]\n    then: [end: $why]\n"
@@ -168,14 +152,6 @@ async def test_a_partner_without_what_is_needed_does_not_make_a_script_active(st
     assert script.condition == "inactive: needs robot (Companion): c1 has no fly"
 
 
-async def test_an_optional_partner_may_be_missing(stage: Stage) -> None:
-    source = GO.replace(
-        "  robot: Companion", "  robot: Companion\n  helper: {kind: Companion, optional: yes}"
-    )
-    _, script, _ = await led(stage, source)
-    assert script.condition == "active"
-
-
 async def test_only_those_who_may_start_a_script_start_it(stage: Stage) -> None:
     await stage.script(GO.replace("hears:", "start: {by: [butler]}\nhears:"))
     with pytest.raises(CommandFailed, match=r"operator may not start it; those may: butler"):
@@ -199,25 +175,17 @@ async def test_a_request_waits_for_the_answer_of_a_rule(stage: Stage) -> None:
         await stage.call("guide", "message", act="sing", performative="request", reply_by=0.1)
 
 
-async def test_a_timer_is_a_fact(stage: Stage) -> None:
-    source = HEAD + (
-        "  - rule: begin\n    when: [start]\n    then: [wait: {name: bored, for: 20 ms}]\n"
-        "  - rule: end\n    when: [timer: bored]\n    then: [end: nobody came]\n"
-    )
-    await stage.companion()
-    await stage.script(source)
-    await stage.enslave("guide", "robot", "c1")
-    assert await stage.call("guide", "start") == "nobody came"
-
-
-async def test_a_script_that_floods_is_ended_with_one_sentence(stage: Stage) -> None:
+async def test_a_script_that_floods_is_ended_with_one_sentence(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "MOST_A_SECOND", 20)  # also a busy machine does so many
     source = HEAD + (
         "  - rule: begin\n    when: [go: {place: $p}]\n    then: [do: [robot, fly, $p]]\n"
         "  - rule: again\n    when: [failed: {act: fly}]\n    then: [do: [robot, fly, again]]\n"
     )
     robot, _, running = await led(stage, source)
     await stage.call("guide", "go", place="hall")
-    with pytest.raises(CommandFailed, match=r"it floods: more than 200 orders in one second"):
+    with pytest.raises(CommandFailed, match=r"it floods: more than 20 orders in one second"):
         await running
     assert robot.done == []
 
@@ -225,20 +193,16 @@ async def test_a_script_that_floods_is_ended_with_one_sentence(stage: Stage) -> 
 async def test_who_floods_a_script_is_refused(stage: Stage) -> None:
     _, script, _ = await led(stage)
     with script._run.lock:  # the rules are at work for a long time
-        inbox = script._run.inbox
-        from robotree.vr.scripts.happening import Happening
-
         message = Happening(act="go", arguments=("x",))
-        inbox.offer(message)
-        while inbox._waiting:  # noqa: ASYNC110 # the rules take one, and wait for the lock with it
+        script._run.put(message)
+        while script._run.inbox:  # noqa: ASYNC110 # the rules take one, and wait for the lock with it
             await asyncio.sleep(0)
-        taken = [inbox.offer(message) for _ in range(600)]
+        script._run.inbox.extend([message] * LONGEST)
         with pytest.raises(
             CommandFailed,
             match=r"guide.go failed: it is flooded: too many messages wait for its rules; send fewer",
         ):
             await stage.call("guide", "go", place="hall")
-    assert taken.count(False) == 100
 
 
 # -- roles -------------------------------------------------------------------------------------------
@@ -263,30 +227,15 @@ async def test_the_next_act_follows_a_new_role_and_the_script_is_untouched(stage
     assert not running.done()
 
 
-async def test_five_roles_differ_in_what_can_be_seen_and_read(stage: Stage) -> None:
-    robot = await stage.companion()
-    seen: dict[str, tuple[str, ...]] = {}
-    for role in ("butler", "maid", "man", "woman", "child"):
-        robot.done.clear()
-        await stage.call("c1", "play", role=role)
-        await stage.call("c1", "wave")
-        await stage.call("c1", "say", text="Welcome, Anna")
-        await stage.call("c1", "go_to", place="hall")
-        seen[role] = tuple(robot.done)
-    assert len(set(seen.values())) == 5
-    assert len({done[1] for done in seen.values()}) == 5, "each says something else, in another voice"
-    assert seen["butler"] == ("wave 1", "say I bid you welcome, Anna [butler-1]", "go_to hall at 0.4")
-
-
 async def test_a_rule_changes_the_role_of_a_partner(stage: Stage) -> None:
     source = HEAD + (
-        "  - rule: play\n    when: [go]\n    then: [role: {robot: child}, do: robot.wave]\n"
-        "  - rule: played\n    when:\n      - done: {act: wave}\n      - role: {partner: robot, name: $r}\n"
-        "    then: [end: $r]\n"
+        "  - rule: play\n    when: [go]\n    then: [role: {robot: child}, do: [robot, say, Welcome]]\n"
+        "  - rule: played\n    when:\n      - done: {act: say, result: $said}\n"
+        "      - role: {partner: robot, name: $r}\n    then: [end: $r says $said]\n"
     )
     robot, _, running = await led(stage, source)
     await stage.call("guide", "go", place="x")
-    assert await running == "child"
+    assert await running == "child says Hi"
     assert robot.role == "child"
 
 
@@ -311,15 +260,6 @@ async def test_an_unknown_role_and_a_robot_without_roles_are_refused(stage: Stag
     await stage.script(GO)
     with pytest.raises(NoRoles, match=r"none of its partners plays roles"):
         await stage.call("guide", "play", role="child")
-
-
-async def test_a_robot_learns_a_role_of_yours(stage: Stage) -> None:
-    robot = await stage.companion()
-    source = "role: waiter\ninherits: butler\nwords: {Welcome: Your table}\n"
-    assert await stage.call("c1", "learn_role", source=source) == "waiter"
-    await stage.call("c1", "play", role="waiter")
-    assert await stage.call("c1", "say", text="Welcome, Anna") == "Your table, Anna"
-    assert robot.attributes["role"] == "waiter"
 
 
 async def test_a_robot_that_a_script_leads_learns_a_role_through_it(stage: Stage) -> None:

@@ -11,11 +11,8 @@ import pytest
 from robotree.vr.agents.host import Host
 from robotree.vr.base.errors import CommandFailed, DuplicateName, StillBonded
 from robotree.vr.bundle import Bundle
-from robotree.vr.exchange.client import HostClient, RobotClient
-from robotree.vr.journal.journal import HostJournal
-from robotree.vr.running.process import Process
-from robotree.vr.running.runner import runner_of
-from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.exchange.client import HostClient
+from tests.vr.place import HostPlace
 from tests.waiting import until
 
 GREETER = Path(__file__).parents[3] / "examples/services/greeter.py"
@@ -87,36 +84,13 @@ class Listener(VirtualRobot):
 """
 
 
-class Place:
-    """A host with a companion, that may be started again."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.network = folder, MemoryNetwork()
-
-    async def start(self) -> None:
-        runner = runner_of(asyncio.get_running_loop())
-        self.journal = HostJournal(self.folder / "journal", runner)
-        process = Process(runner, self.journal)
-        transport = self.network.join("host-1")
-        self.host = Host(transport, "host-1", process=process, journal=self.journal)
-        self.client = HostClient(self.network.join("operator"), self.host.address)
-        await self.host.start()
-        await self.host.restore()
-
-    async def end(self) -> None:
-        await self.host.close()
-        self.journal.close()
-
-    def robot(self, name: str) -> RobotClient:
-        return RobotClient(self.network.join(), self.host.agents[name].address)
-
-    def condition(self, name: str) -> str:
-        return self.host.agents[name].robot.attributes["condition"]
+def condition(place: HostPlace, name: str) -> str:
+    return place.host.agents[name].robot.attributes["condition"]
 
 
 @pytest.fixture
-async def place(tmp_path: Path) -> AsyncIterator[Place]:
-    place = Place(tmp_path)
+async def place(tmp_path: Path) -> AsyncIterator[HostPlace]:
+    place = HostPlace(tmp_path)
     await place.start()
     await place.client.create(Bundle(COMPANION, "companion.py"), "companion")
     yield place
@@ -127,12 +101,12 @@ def test_the_simplest_service_has_at_most_forty_lines() -> None:
     assert len(GREETER.read_text().splitlines()) <= 40
 
 
-async def test_a_service_comes_and_goes_and_no_robot_notices(place: Place) -> None:
+async def test_a_service_comes_and_goes_and_no_robot_notices(place: HostPlace) -> None:
     companion = place.host.agents["companion"]
     before, lines = companion.address, len(companion.runtime.log.since(0))
     await place.client.create(Bundle.read(GREETER), "greeter")
     assert set(place.host.agents) == {"companion", "greeter", "greeter-greet"}
-    assert place.condition("greeter-greet").startswith("inactive: needs robot")
+    assert condition(place, "greeter-greet").startswith("inactive: needs robot")
     await place.robot("greeter").enslave("companion", companion.address)
     assert companion.runtime.lease is None, "it is only watched"
 
@@ -155,7 +129,7 @@ async def test_a_service_comes_and_goes_and_no_robot_notices(place: Place) -> No
     assert not [line for line in companion.runtime.log.since(lines) if line.level in {"warning", "error"}]
 
 
-async def test_a_robot_that_only_has_the_name_of_a_behaviour_is_nobodys(place: Place) -> None:
+async def test_a_robot_that_only_has_the_name_of_a_behaviour_is_nobodys(place: HostPlace) -> None:
     await place.client.create(Bundle(COMPANION, "companion.py"), "greeter-greet")
     with pytest.raises(DuplicateName):
         await place.client.create(Bundle.read(GREETER), "greeter")
@@ -169,7 +143,7 @@ async def test_a_robot_that_only_has_the_name_of_a_behaviour_is_nobodys(place: P
     assert set(place.host.agents) == {"companion", "greeter-greet"}
 
 
-async def test_a_service_keeps_its_behaviours_over_a_restart_and_a_reload(place: Place) -> None:
+async def test_a_service_keeps_its_behaviours_over_a_restart_and_a_reload(place: HostPlace) -> None:
     await place.client.create(Bundle.read(GREETER), "greeter")
     await place.robot("greeter").call("count", {"text": "one two"})
     await place.end()
@@ -186,7 +160,7 @@ async def test_a_service_keeps_its_behaviours_over_a_restart_and_a_reload(place:
     assert set(place.host.agents) == {"companion"}
 
 
-async def test_a_service_that_somebody_else_commands_is_not_deleted(place: Place) -> None:
+async def test_a_service_that_somebody_else_commands_is_not_deleted(place: HostPlace) -> None:
     await place.client.create(Bundle.read(GREETER), "greeter")
     await place.client.create(Bundle(BOSS, "boss.py"), "boss")
     await place.robot("boss").enslave("child", place.host.agents["greeter"].address)
@@ -196,13 +170,13 @@ async def test_a_service_that_somebody_else_commands_is_not_deleted(place: Place
 
 
 @pytest.mark.parametrize("given", ["5", "{1: 'text'}", "{'no name!': 'text'}"])
-async def test_behaviours_that_cannot_be(place: Place, given: str) -> None:
+async def test_behaviours_that_cannot_be(place: HostPlace, given: str) -> None:
     page = f"from robotree.vr import Service\n\nclass Wrong(Service):\n    behaviours = {given}\n"
     with pytest.raises(Exception, match=r"Wrong.behaviours"):
         await place.client.create(Bundle(page, "wrong.py"), "wrong")
 
 
-async def test_a_service_that_hangs_lies_floods_or_dies_costs_only_who_needs_it(place: Place) -> None:
+async def test_a_service_that_hangs_lies_floods_or_dies_costs_only_who_needs_it(place: HostPlace) -> None:
     """Its own host and the behaviour that needs it; another service beside it goes on after each."""
     transport = place.network.join("host-2")
     other = Host(transport, "host-2")
@@ -247,7 +221,7 @@ async def test_a_service_that_hangs_lies_floods_or_dies_costs_only_who_needs_it(
     await until(lambda: question("hang"), "it is asked a last time")
     await still_greets("hanging")
     place.network.kill(transport)
-    await until(lambda: place.condition("needy").startswith("inactive: needs oracle"), "it is missed")
+    await until(lambda: condition(place, "needy").startswith("inactive: needs oracle"), "it is missed")
     await still_greets("dead")
-    assert place.condition("greeter-greet") == "active"
+    assert condition(place, "greeter-greet") == "active"
     await other.close()

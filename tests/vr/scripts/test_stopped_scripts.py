@@ -8,8 +8,6 @@ from robotree.vr.base.errors import CommandCancelled, CommandFailed, Stopped
 from tests.vr.scripts.stage import Stage
 from tests.vr.scripts.test_script_stories import GO, led
 
-LOGS = "  - rule: logged\n    when: [failed: {act: $a, reason: $why}]\n    then: [log: $why]\n"
-
 
 async def test_a_stopped_script_is_over_and_its_release_starts_nothing(stage: Stage) -> None:
     robot, script, running = await led(stage, GO)
@@ -32,22 +30,3 @@ async def test_a_stopped_script_is_over_and_its_release_starts_nothing(stage: St
     await stage.until(lambda: script._run is not None and script._run.engine.happened >= 2)
     await stage.call("guide", "go", place="kitchen")
     await stage.until(lambda: robot.done == ["go_to kitchen at 0.5"])
-
-
-async def test_a_script_whose_partner_alone_is_stopped_goes_on_when_it_is_released(stage: Stage) -> None:
-    robot, script, running = await led(stage, GO + LOGS)
-    robot.go.clear()
-    await stage.call("guide", "go", place="hall")
-    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
-    await stage.client("c1").safe_stop("a child is in the way")
-    await stage.until(lambda: "a child is in the way" in script._run.last_log)
-    assert script.condition == "active"
-    robot.go.set()
-    script._run.last_log = ""
-    await stage.call("guide", "go", place="kitchen")
-    await stage.until(lambda: script._run.last_log)
-    assert "c1 is stopped (a child is in the way)" in script._run.last_log, "refused, and told to the rules"
-    await stage.client("guide").resume()
-    await stage.call("guide", "go", place="garden")
-    await stage.until(lambda: robot.done == ["go_to garden at 0.5"])
-    assert not running.done()

@@ -96,6 +96,15 @@ MISTAKES = {
         "a script has no 'rule' (did you mean 'rules'?); it has: script, doc, partners,",
     ),
     "rules that are no list": (HEAD + "rules: {a: b}\n", "rules are a list: each begins with `- rule: NAME`"),
+    "a parameter with a word too many": (
+        HEAD + "parameters: {p: {defualt: 3}}\n",
+        "a parameter has no 'defualt' (did you mean 'default'?)",
+    ),
+    "a type that is none": (HEAD.replace("id: text", "id: texts"), "'texts' is no type; the types are: text"),
+    "a list that begins with something": (
+        HEAD.replace("colours: []", "colours: [red]"),
+        "a slot that holds several values begins empty: []",
+    ),
     "a rule without then": (
         HEAD + "rules:\n  - rule: r\n    when: [start]\n",
         "rule r needs `when` and `then`",

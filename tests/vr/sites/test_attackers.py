@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import os
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -17,12 +15,9 @@ from robotree.vr.base.requests import Call, Done
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.sites.certificates import MemberKind
 from robotree.vr.sites.frames import SiteAsk
-from robotree.vr.sites.gateway import GREETING
-from robotree.vr.sites.handshake import Handshakes, Own
-from robotree.vr.sites.invitations import read_token, request_to_join, token_of
 from robotree.vr.sites.sealing import Lane
 from robotree.vr.world.testing import until
-from tests.vr.sites.realm import WALL, Realm
+from tests.vr.sites.realm import Realm
 from tests.vr.sites.site import ROBOT, MemoryHub, SiteOfTest, ask, call, linked
 
 MEMBERS: tuple[tuple[str, MemberKind], ...] = (("hall", "site"), ("yard", "site"), ("anna", "person"))
@@ -109,30 +104,3 @@ async def test_who_has_no_key_is_counted_and_told_and_has_nothing_done(
     assert any("1000 times" in record.getMessage() for record in caplog.records), "it is in the log"
     assert await ask(lab, call()) == Done(note="moved"), "and the session goes on"
     assert len(hall.gateway._handshakes) < 64
-
-
-async def test_each_stranger_who_greets_is_refused_counted_and_told_and_has_nothing_done(
-    sites: dict[str, SiteOfTest], hub: MemoryHub
-) -> None:
-    lab, hall, now = sites["lab"], sites["hall"], WALL
-    long_ago = now - 400 * 24 * 3600
-    key = Realm(seed=7).key()
-    invitation = read_token(token_of(lab.keys.invite("old", "site", now=long_ago)), long_ago)
-    expired = lab.keys.admit(request_to_join(invitation, key), long_ago)
-    lab.keys.revoke("yard")
-    await asyncio.to_thread(hall.keys.take_revocations, lab.keys.trust.packed)  # perhaps it knows already
-    assert hall.keys.trust.revocations == lab.keys.trust.revocations
-    strangers = {
-        "without a certificate": (b"", key),
-        "of another realm of this name": Realm("plant", 9).own("lab", now=now),
-        "expired": (expired, key),
-        "revoked": sites["yard"].keys.own,
-    }
-    for certificate, own_key in strangers.values():
-        greeting = Handshakes(Own(certificate, own_key), lab.keys.trust, chance=os.urandom).greet("hall", 0.0)
-        hub.inject("robotree/plant/to/hall", GREETING + greeting)
-    reasons = ("cannot be read", "has not signed", "ended", "was revoked")
-    refused = hall.gateway.refused
-    await until(lambda: all(one in " ".join(refused) for one in reasons), "each is counted, with the reason")
-    assert not hall.asked
-    assert await ask(lab, call()) == Done(note="moved"), "and who belongs to it goes on"

@@ -9,7 +9,7 @@ import pytest
 
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import NoAnswer, SiteSilent
-from robotree.vr.base.places import Places
+from robotree.vr.base.places import Places, site_key
 from robotree.vr.base.requests import (
     DescribeGateway,
     Done,
@@ -23,6 +23,7 @@ from robotree.vr.sites.frames import StillSo
 from robotree.vr.sites.gateway import TICK
 from robotree.vr.sites.invitations import read_token, request_to_join, token_of
 from robotree.vr.sites.keys import RealmKeys
+from robotree.vr.sites.known import names_of_sites
 from robotree.vr.sites.sealing import Lane
 from robotree.vr.sites.site import GONE
 from tests.vr.sites.realm import WALL, Realm
@@ -251,6 +252,8 @@ async def test_a_site_that_was_admitted_and_never_heard_is_named_by_a_stop_of_ea
         assert [name for name, _ in refused.data["untold"]] == ["site cellar"]
     RealmKeys(lab.keys.folder).revoke("cellar")
     await until(lambda: "cellar" not in [one.name for one in hall.gateway.describe().sites])
+    assert "cellar" not in names_of_sites(lab.keys.folder), "nor does a stop without a gateway name it"
+    await until(lambda: not hall.member.presence.there(site_key("cellar")))
 
 
 async def test_a_site_that_was_revoked_while_it_was_away_is_told_so(

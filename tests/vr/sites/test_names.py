@@ -7,7 +7,7 @@ import pytest
 from robotree.vr.base.address import Address, parted, shown_address
 from robotree.vr.base.errors import BadName, NoSuchRobot, NoSuchSite, NotConfirmed, SeveralSites, SiteAway
 from robotree.vr.base.places import place_key, silent_key, site_key
-from robotree.vr.base.requests import Done, SafeStop, State, encode
+from robotree.vr.base.requests import Done, SafeStop
 from robotree.vr.exchange.dispatcher import Dispatcher
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
@@ -82,37 +82,6 @@ async def test_a_plain_name_is_the_own_one_else_the_only_one_else_a_sentence_nam
     await machine.gateway.announce(silent_key("hall"))
     with pytest.raises(SiteAway, match="site hall is not heard"):
         await resolve("hall:arm-2")
-    await realm.close()
-
-
-@in_virtual_time
-async def test_both_are_shown_with_their_site_and_a_name_of_one_is_shown_as_it_is() -> None:
-    machine = Machine()
-    realm = await machine.open()
-    heard: list[str] = []
-    named: list[str] = []
-    await realm.watch_state(None, lambda name, _: heard.append(name))
-    await realm.watch_state("arm-1", lambda name, _: named.append(name))
-    await machine.robot("robot/arm-1/h", "hall")
-    await machine.robot("robot/arm-2/h", "hall")
-
-    def publish() -> None:
-        for member, key in ((machine.gateway, "robot/arm-1/h"), (machine.gateway, "robot/arm-2/h")):
-            member.publish(f"{key}/state", encode(State()))
-        machine.host.publish("robot/arm-1/l/state", encode(State()))
-
-    publish()
-    assert [one.name for one in realm.present("robot")] == ["arm-1", "arm-2"]
-    await machine.robot("robot/arm-1/l")
-    assert [one.name for one in realm.present("robot")] == ["hall:arm-1", "lab:arm-1", "arm-2"]
-    await machine.gateway.settle(0.1)
-    heard.clear()
-    named.clear()
-    publish()
-    await machine.gateway.settle(0.1)
-    assert heard == ["hall:arm-1", "arm-2", "lab:arm-1"]
-    assert named == ["lab:arm-1"], "the plain name means the own one"
-    assert {shown_address(one.key) for one in realm.held()} >= set(realm.present("robot"))
     await realm.close()
 
 

@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 
 from robotree.vr.world.examine_space import OpenStore
+from tests.vr.scripts.conftest import names_are_sure_at_once
 from tests.vr.space import stores
 from tests.vr.space.postgres import Server, server
+
+__all__ = ["names_are_sure_at_once", "open_store", "postgres"]
 
 
 @pytest.fixture(scope="session")
