@@ -98,7 +98,7 @@ class FilePlace:
 
 
 class OwnerFile:
-    """The file of this process, which no process that a page forks keeps; see `store`."""
+    """The file of this process, which no process that a page forks keeps. `segments.Ownership`."""
 
     def __init__(self, descriptor: int, place: FilePlace) -> None:
         """Take the file, locked."""
@@ -109,18 +109,12 @@ class OwnerFile:
         return (self._descriptor,)
 
     def expect(self) -> None:
-        """Check that this process may still write.
-
-        Raises:
-            Deposed: another host has the log.
-        """
         descriptor = self._descriptor
         if descriptor >= 0 and not os.fstat(descriptor).st_nlink:
             owner = self._place.look()
             raise Deposed(host="somebody else" if owner is None else owner.host, log=self._place.where)
 
     def beat(self) -> None:
-        """Give a sign of life, as `expect` does."""
         if self._descriptor >= 0:
             os.pwrite(self._descriptor, os.pread(self._descriptor, 1, 0), 0)  # a robot apart may set no times
         self.expect()

@@ -22,13 +22,10 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from robotree.files import forks, opened_own, private_folder, sync_folder
 from robotree.vr.base.errors import DamagedJournal, JournalInUse, LostJournal
-
-if TYPE_CHECKING:
-    from robotree.vr.journal.files import OwnerFile
 
 HEAD = struct.Struct("<III")
 """Length of the body that follows, the checksum of these four bytes, and that of the body."""
@@ -169,6 +166,26 @@ class OSDisk:
         os.pwrite(lock, data, 0)
 
 
+class Ownership(Protocol):
+    """That this process may write; see `store`."""
+
+    def expect(self) -> None:
+        """Check that this process may still write.
+
+        Raises:
+            Deposed: another host has the log.
+        """
+        ...
+
+    def beat(self) -> None:
+        """Give a sign of life."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it. Twice is once."""
+        ...
+
+
 class Extent(NamedTuple):
     """What the lock file says of the log."""
 
@@ -195,7 +212,7 @@ class Extent(NamedTuple):
 class Segments:
     """The files of one log, in a folder of their own. `LogStore`."""
 
-    def __init__(self, folder: Path, disk: Disk, boot: str = "", owner: OwnerFile | None = None) -> None:
+    def __init__(self, folder: Path, disk: Disk, boot: str = "", owner: Ownership | None = None) -> None:
         """Take the folder for this process.
 
         Args:

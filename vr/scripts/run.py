@@ -189,9 +189,8 @@ class ScriptRun:
         self.engine = Engine(program, parameters, spent=self._spent)
         self.lock = threading.Lock()
         """Held while the rules work or are looked at, never during a wait: CLIPS takes one thread."""
-        self.inbox = deque[Happening | int]()
+        self.inbox, self._wake = deque[Happening | int](), activity.wake
         """Messages, and the numbers of acts that have ended, until this command takes them out."""
-        self._wake = activity.wake
         self.missing = ""
         """The partners that it lacks, in words; empty: it is active."""
         self.answers: dict[str, ScriptReply] = {}
@@ -203,7 +202,6 @@ class ScriptRun:
         self.talks = 0  # number of the latest conversation that the rules were told of
         self.waiting: dict[str, Callable[[], None]] = {}
         """Wakes who waits until a message is taken, or answered: by key of the call that brought it."""
-        self.last_log = ""
         self._robot, self._program, self._now = robot, program, activity.now
         self._at = 0.0
         """[s] When the latest happening was taken out."""
@@ -654,7 +652,6 @@ class ScriptRun:
         self._timers = [timer for timer in self._timers if timer[1].conversation != what]
 
     def _say(self, text: str) -> None:
-        self.last_log = text
         running().progress(math.nan, text)
 
     def _changed(self, act: str, slot: str, robot: str, *arguments: str) -> Happening:

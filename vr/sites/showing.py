@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 
@@ -34,10 +34,7 @@ from robotree.vr.exchange.asking import ask
 from robotree.vr.sites.certificates import MemberKind
 from robotree.vr.sites.frames import Announced, OneNews, SitePolicy
 from robotree.vr.sites.sealing import Lane
-from robotree.vr.sites.site import Site
-
-if TYPE_CHECKING:
-    from robotree.vr.sites.gateway import Gateway
+from robotree.vr.sites.site import Site, WaysToSites
 
 _log = logging.getLogger(__name__)
 
@@ -45,7 +42,7 @@ _log = logging.getLogger(__name__)
 class Showing:
     """See the module. On the event loop."""
 
-    def __init__(self, gateway: Gateway, transport: Transport) -> None:
+    def __init__(self, gateway: WaysToSites, transport: Transport) -> None:
         """Take the ways to the sites and to the agents of this machine."""
         self._gateway, self._transport, self._gate = gateway, transport, transport.gate
         self._policy: Policy | None = self._gate.policy

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from robotree.vr.base.transport import End, Respond
 from robotree.vr.sites.certificates import Certificate
-from robotree.vr.sites.frames import SiteAsk
+from robotree.vr.sites.frames import SiteAsk, SiteFrame
+from robotree.vr.sites.sealing import Lane
 from robotree.vr.sites.stream import SiteStream
 from robotree.vr.sites.summary import Mirrors, Summaries
 
@@ -83,3 +85,30 @@ class Site:
     def silence(self, now: float) -> float:
         """Return for how long it was not heard [s]."""
         return GONE if self.stream is None else self.stream.silence(now)
+
+
+class WaysToSites(Protocol):
+    """What the parts of a gateway need of it."""
+
+    sites: dict[str, Site]
+
+    @property
+    def local(self) -> set[str]:
+        """The keys that are present here and of this machine."""
+        ...
+
+    def send(self, site: Site, frame: SiteFrame, lane: Lane, *, until: float = ...) -> bool:
+        """Send a frame to a site; returns whether there is a session with it."""
+        ...
+
+    def rank(self, key: str) -> int:
+        """Return how often an agent of this machine has moved."""
+        ...
+
+    def now(self) -> float:
+        """[s] on this machine's monotonic clock."""
+        ...
+
+    def reason(self) -> str:
+        """Return why no site can be reached, as a clause; empty: the hub answers."""
+        ...

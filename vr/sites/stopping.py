@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import itertools
 from collections.abc import Awaitable, Callable, Sequence
-from typing import TYPE_CHECKING
 
 from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, VrError
 from robotree.vr.base.requests import Done, SafeStop
@@ -17,10 +16,7 @@ from robotree.vr.core.confirmation import Confirmations
 from robotree.vr.sites.frames import SiteStopped, StopSite
 from robotree.vr.sites.keys import RealmKeys
 from robotree.vr.sites.sealing import Lane
-from robotree.vr.sites.site import Site
-
-if TYPE_CHECKING:
-    from robotree.vr.sites.gateway import Gateway
+from robotree.vr.sites.site import Site, WaysToSites
 
 StopHere = Callable[[str, str], Awaitable[SiteStopped]]
 """Stops all robots of this machine, for an order and a reason; the number in the answer is 0."""
@@ -32,7 +28,7 @@ REMEMBERED = 64
 class SiteStops:
     """See the module. On the event loop."""
 
-    def __init__(self, gateway: Gateway, keys: RealmKeys, stop_here: StopHere) -> None:
+    def __init__(self, gateway: WaysToSites, keys: RealmKeys, stop_here: StopHere) -> None:
         """Begin with none.
 
         Args:

@@ -92,6 +92,10 @@ class Stage:
         await self.start(robot)
         return robot
 
+    def lines(self, name: str) -> list[str]:
+        """Return what a robot has told people."""
+        return [line.text for line in self.agents[name].runtime.log.since(0)]
+
     def client(self, name: str) -> RobotClient:
         return RobotClient(self.operator, self.agents[name].address)
 

@@ -58,19 +58,15 @@ async def led(stage: Stage, source: str = TEAM) -> tuple[list[Companion], asynci
     return robots, running
 
 
-def lines(stage: Stage) -> list[str]:
-    return [line.text for line in stage.agents["team"].runtime.log.since(0)]
-
-
 async def test_an_act_goes_to_each_member_and_ends_once_when_all_have_answered(stage: Stage) -> None:
     robots, running = await led(stage)
     robots[1].go.clear()
     await stage.call("team", "go", place="hall")
     await stage.until(lambda: robots[0].done and robots[2].done)
-    assert "all of us go to hall" in lines(stage)
-    assert "all of them are there" not in lines(stage), "one of them is on its way"
+    assert "all of us go to hall" in stage.lines("team")
+    assert "all of them are there" not in stage.lines("team"), "one of them is on its way"
     robots[1].go.set()
-    await stage.until(lambda: "all of them are there" in lines(stage))
+    await stage.until(lambda: "all of them are there" in stage.lines("team"))
     assert [robot.done for robot in robots] == [["go_to hall at 0.5"]] * 3
     facts = await stage.call("team", "facts")
     assert all(f"said: {{robot: c{each}, ok: yes" in facts for each in (1, 2, 3)), facts
@@ -82,7 +78,9 @@ async def test_who_does_not_do_it_is_named_and_the_others_have_done_it(stage: St
     robots, running = await led(stage)
     robots[2].fails = "go_to"
     await stage.call("team", "go", place="hall")
-    await stage.until(lambda: any(line.startswith("1 of 3 did not do it: c3: ") for line in lines(stage)))
+    await stage.until(
+        lambda: any(line.startswith("1 of 3 did not do it: c3: ") for line in stage.lines("team"))
+    )
     assert [bool(robot.done) for robot in robots] == [True, True, False]
     facts = await stage.call("team", "facts")
     assert "said: {robot: c3, ok: no" in facts, facts
@@ -93,11 +91,11 @@ async def test_who_does_not_do_it_is_named_and_the_others_have_done_it(stage: St
 async def test_a_member_that_is_lost_is_left_out(stage: Stage) -> None:
     robots, running = await led(stage)
     await stage.release("team", "team_2")
-    await stage.until(lambda: "we have lost c2" in lines(stage))
+    await stage.until(lambda: "we have lost c2" in stage.lines("team"))
     await stage.call("team", "go", place="hall")
-    await stage.until(lambda: "all of them are there" in lines(stage))
+    await stage.until(lambda: "all of them are there" in stage.lines("team"))
     assert [bool(robot.done) for robot in robots] == [True, False, True]
-    assert "all of us go to hall" not in lines(stage)
+    assert "all of us go to hall" not in stage.lines("team")
     await stage.call("team", "finish")
     await running
 

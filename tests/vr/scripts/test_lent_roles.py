@@ -50,17 +50,13 @@ def knows(robot: Companion) -> set[str]:
     return set(robot.attributes["roles"].split())
 
 
-def log(stage: Listed, name: str) -> list[str]:
-    return [line.text for line in stage.agents[name].runtime.log.since(0)]
-
-
 async def test_a_lent_role_is_played_until_its_service_leaves(listed: Listed) -> None:
     robot = Companion("c1")
     await listed.start(robot)
     own = knows(robot)
     await listed.start(Desk("desk"))
     await until(lambda: knows(robot) == own | {"desk-clerk", "desk-chief"}, "what fits it is offered")
-    assert [line for line in log(listed, "c1") if "desk-hasty: role desk-hasty" in line], "too wide"
+    assert [line for line in listed.lines("c1") if "desk-hasty: role desk-hasty" in line], "too wide"
     await listed.call("c1", "play", role="desk-chief")
     assert await listed.call("c1", "say", text="Welcome") == "Your number please"
     assert robot.done == ["say Your number please [deep]"]
@@ -69,7 +65,7 @@ async def test_a_lent_role_is_played_until_its_service_leaves(listed: Listed) ->
     await until(lambda: knows(robot) == own, "nothing is offered any more")
     assert robot.role == "neutral"
     gone = "the role desk-chief is gone with its service: neutral from the next act on"
-    assert log(listed, "c1").count(gone) == 1
+    assert listed.lines("c1").count(gone) == 1
     assert await listed.call("c1", "say", text="Welcome") == "Welcome"
     with pytest.raises(NoSuchRole, match="knows no role 'desk-chief'"):
         await listed.call("c1", "play", role="desk-chief")
@@ -108,7 +104,7 @@ async def test_no_role_is_taken_from_its_owner_by_its_name(listed: Listed) -> No
     await listed.call("c1", "learn_role", source="role: desk-clerk\nwords: {Welcome: Own words}\n")
     await listed.start(Desk("desk"))
     await until(lambda: "desk-chief" in knows(robot), "the others are offered")
-    assert any("it has a role 'desk-clerk' of its own" in line for line in log(listed, "c1"))
+    assert any("it has a role 'desk-clerk' of its own" in line for line in listed.lines("c1"))
     await listed.call("c1", "play", role="desk-clerk")
     assert await listed.call("c1", "say", text="Welcome") == "Own words"
     with pytest.raises(BrokenScript, match="a service lends 'desk-chief'; give the role another name"):
@@ -137,7 +133,7 @@ async def test_a_service_that_sets_later_what_cannot_be_lent_lends_nothing(liste
     assert listed.agents["desk"].description().lends == ()
     await until(lambda: knows(robot) == own, "its listing lends nothing any more")
     sentence = "'a-b' has a '-', which parts a service from its role; leave it out"
-    assert len([line for line in log(listed, "desk") if sentence in line]) == 1
+    assert len([line for line in listed.lines("desk") if sentence in line]) == 1
 
 
 async def test_no_role_is_lent_under_the_name_of_another_service(
@@ -166,7 +162,7 @@ async def test_no_role_is_lent_under_the_name_of_another_service(
     monkeypatch.setattr("robotree.vr.agents.publisher.expect_lendable", unlooked)
     await listed.agents["desk"].close()
     await listed.start(Other("desk"))
-    await until(lambda: any("it does not take the roles of desk: " in line for line in log(listed, "c1")))
+    await until(lambda: any("it does not take the roles of desk: " in line for line in listed.lines("c1")))
     assert await listed.call("c1", "say", text="Welcome") == "Your number please"
     assert knows(robot) == {known for known in before if known not in {"desk-clerk", "desk-chief"}}
     assert robot.role == "desk-a-clerk"

@@ -53,6 +53,10 @@ class Limit(msgspec.Struct, frozen=True):
         """The bound itself; a limit has one."""
         return self.upper if self.upper is not None else self.lower or 0.0
 
+    def narrowed(self, value: float) -> Limit:
+        """Return the limit with a narrower bound."""
+        return Limit(upper=value) if self.upper is not None else Limit(lower=value)
+
 
 class Manner(msgspec.Struct, frozen=True):
     """How one act is to be carried out: the role that is played, as far as it concerns this act."""
@@ -304,8 +308,7 @@ class RolePlayer(VirtualRobot):
                     continue  # the robot has nothing of that kind
                 if not own.narrower(value):
                     raise TooWide(role=name, limit=limit, asked=value, own=own.bound, whose=whose[limit])
-                limits[limit] = Limit(upper=value) if own.upper is not None else Limit(lower=value)
-                whose[limit] = f"role {name}"
+                limits[limit], whose[limit] = own.narrowed(value), f"role {name}"
         return limits
 
 
