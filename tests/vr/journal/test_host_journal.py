@@ -25,7 +25,7 @@ from robotree.vr.journal.files import FilePlace
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.segments import OSDisk
-from robotree.vr.world.disk import MemoryDisk
+from robotree.vr.world.disk import Medium, MemoryDisk
 
 PAGE = KeptPage("class It(VirtualRobot): ...", "/it.py")
 
@@ -340,6 +340,37 @@ def test_a_disk_that_is_read_only_is_named_with_what_to_do(
     monkeypatch.setattr(OSDisk, method, refuse)
     with pytest.raises(JournalUnusable, match=r"h.* cannot be used \(read-only file system\).*--forget"):
         opened(tmp_path / "h").begin()
+
+
+def test_a_second_end_within_the_first_write_of_the_next_life_loses_nothing() -> None:
+    medium, ends = Medium(), {"write": 0}
+
+    class Ended(BaseException):
+        pass
+
+    def moment(name: str) -> None:
+        ends["write"] -= name == "within write"
+        if name == "within write" and ends["write"] == 0:
+            raise Ended
+
+    def life(writes: int) -> HostJournal:
+        ends["write"] = writes
+        return HostJournal(Path("/h"), Clock(), boot="this", disk=MemoryDisk(medium, moment=moment))
+
+    journal = life(3)
+    journal.begin()
+    robot = Kept(journal)
+    journal.barrier()
+    waited = encode_state(robot.core.state)
+    robot.call("k")
+    with pytest.raises(Ended):
+        journal.barrier()
+    for _ in range(2):
+        medium.locks.clear()
+        with pytest.raises(Ended):
+            life(1).begin()
+    medium.locks.clear()
+    assert [encode_state(kept.state) for kept in life(9).found.robots] == [waited]
 
 
 def test_several_threads_write_and_nothing_is_lost(tmp_path: Path) -> None:
