@@ -68,27 +68,22 @@ async def show(transport: Transport, view: Window) -> ViewAgent:
     return agent
 
 
-async def test_a_picture_comes_as_large_as_it_is(network: MemoryNetwork) -> None:
+async def test_a_view_describes_itself_without_a_picture_and_one_comes_as_large_as_it_is(
+    network: MemoryNetwork,
+) -> None:
     view = Window()
     agent = await show(network.join(), view)
     client = ViewClient(network.join(), agent.address)
+    described = await client.describe()
+    assert described.cameras == ("cell", "wrist")
+    assert (described.units, described.readings) == ({"lever": "rad"}, {"lever": 0.25})
+    assert view.looks == 0
     seen = await client.look()
     assert (seen.width, seen.height, seen.camera) == (320, 180, "cell")
     assert Image.open(io.BytesIO(seen.jpeg)).size == (320, 180)
     seen = await client.look("wrist", width=2000, height=40, quality=20)
     assert (seen.width, seen.height, seen.camera) == (640, 40, "wrist")
     assert view.looks == 2, "one question, one picture"
-    await agent.close()
-
-
-async def test_a_view_describes_itself_without_making_a_picture(network: MemoryNetwork) -> None:
-    view = Window()
-    agent = await show(network.join(), view)
-    described = await ViewClient(network.join(), agent.address).describe()
-    assert described.cameras == ("cell", "wrist")
-    assert described.units == {"lever": "rad"}
-    assert described.readings == {"lever": 0.25}
-    assert view.looks == 0
     await agent.close()
 
 
