@@ -185,7 +185,6 @@ def _robot(name: Word, given: Written) -> RobotEntry:
 
 def _group(name: Word, given: Written) -> GroupEntry:
     """Read a group: a list of names, or what its members are."""
-    _expect_name(name)
     if isinstance(given, Items | Word):
         found = GroupEntry(name=name.text, mark=name.mark, robots=_children(name, given))
     else:

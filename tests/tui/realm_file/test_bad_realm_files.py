@@ -47,7 +47,18 @@ MISTAKES = {
         3,
         "'host-1' stands here twice",
     ),
-    "a name that cannot be one": ("\nrobots:\n  ../x: {page: a.py}", 3, "'../x' cannot be a name"),
+    **{
+        f"a name that cannot be one of {section}": (
+            f"\n{section}:\n  ../x: {entry}",
+            3,
+            "'../x' cannot be a name",
+        )
+        for section, entry in (
+            ("robots", "{page: a.py}"),
+            ("controllers", "{kind: arm, listen: tcp:0}"),
+            ("groups", "[r1]"),
+        )
+    },
     "a robot and a proxy of one name": (
         "\nproxies:\n  arm-1: {kind: arm, connect: tcp:5760}\nrobots:\n  arm-1: {page: a.py}",
         5,
