@@ -195,17 +195,8 @@ def main(descriptor: int, parent: int) -> None:
     end_with_parent(parent)
     with contextlib.suppress(OSError):
         os.nice(5)  # a panel that computes takes nothing from the screen
-    for name in (
-        "Button",
-        "Input",
-        "Label",
-        "Static",
-        "ProgressBar",
-        "Sparkline",
-        "Digits",
-        "Select",
-        "Switch",
-    ):
+    names = ("Button", "Input", "Label", "Static", "ProgressBar", "Sparkline", "Digits", "Select", "Switch")
+    for name in names:
         getattr(widgets, name)  # before there are limits: quicker than with them
     room = sys.argv[2] if len(sys.argv) > 2 else ""  # the program, its descriptor, the folder
     tempfile.tempdir = room or None

@@ -447,10 +447,6 @@ def _dismiss(app: OperatorApp, place: Place) -> None:
         )
 
 
-def _pane(name: str) -> Ask:
-    return lambda app, _place: in_front(app).show_pane(name)
-
-
 def _role(app: OperatorApp, place: Place) -> None:
     group = app.store.group(place.name)
     members = [app.store.descriptions.get(name) for name in (group.members if group else (place.name,))]
@@ -488,14 +484,9 @@ def _migrate(app: OperatorApp, _place: Place, robot: RobotDescription) -> None:
         )
 
 
-def _point(app: OperatorApp) -> dict[str, float] | None:
-    """Return the point that somebody points at on the main page [m]; None: at none."""
-    return main_page(app).point
-
-
 def _go(app: OperatorApp, place: Place, robot: RobotDescription) -> None:
     front, readings = main_page(app), app.store.readings(place.name)
-    point = _point(app) if app.screen is front else None
+    point = front.point if app.screen is front else None
     frame = front.ground if point is not None else frame_of(robot)
     if frame != frame_of(robot):
         app.foresee(robot, point or {}, frame)
@@ -520,7 +511,7 @@ def _go(app: OperatorApp, place: Place, robot: RobotDescription) -> None:
 
 def _keep(app: OperatorApp, place: Place, robot: RobotDescription) -> None:
     front, readings = main_page(app), app.store.readings(place.name)
-    point = _point(app) if app.screen is front else None
+    point = front.point if app.screen is front else None
     if point is not None and front.ground != frame_of(robot):
         of = front.ground or "no frame"
         app.tell(
@@ -621,6 +612,6 @@ ASK: Mapping[str, Ask] = {
     "camera": lambda app, _place: in_front(app).turn(),
     "theme": lambda app, _place: app.change_look("theme"),
     "language": lambda app, _place: app.change_look("language"),
-    **{name: _pane(name) for name in PANES},
+    **{name: lambda app, _place, name=name: in_front(app).show_pane(name) for name in PANES},
 }
 """By verb: what its key does first, where that is not to carry it out for what is selected (`plainly`)."""

@@ -98,11 +98,9 @@ class Jog:
 
     def short(self, actual: Pose) -> float:
         """Return how far the robot is from the target, along a straight line [m]; the twist is left out."""
-        return (
-            0.0
-            if self.target is None
-            else dist(*([pose[axis] for axis in "xyz"] for pose in (self.target, actual)))
-        )
+        if self.target is None:
+            return 0.0
+        return dist(*([pose[axis] for axis in "xyz"] for pose in (self.target, actual)))
 
     def _bounded(self, axis: str, before: float, after: float) -> float:
         """Stay inside the bounds, or where it was if that is outside already."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from textual.await_complete import AwaitComplete
+from textual.binding import BindingType
 from textual.screen import Screen, ScreenResultType
 
+from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.error_boundary import ErrorBoundary
 
 if TYPE_CHECKING:
@@ -18,8 +20,18 @@ if TYPE_CHECKING:
 class Part(ErrorBoundary):
     """Mixed into screens and widgets, before their Textual class; says which app they are in."""
 
+    KEYS_OF: ClassVar[str] = ""
+    """The name of its keys in `line.page_keys`, which are bound; empty: it has none there."""
+
     if TYPE_CHECKING:
         app = getters.app(OperatorApp)
+        BINDINGS: ClassVar[list[BindingType]]
+
+    def __init_subclass__(cls, **named: Any) -> None:
+        """Bind the keys before Textual gathers them."""
+        if "KEYS_OF" in cls.__dict__:
+            cls.BINDINGS = bindings(cls.KEYS_OF)  # pyright: ignore[reportConstantRedefinition] # Textual names it so
+        super().__init_subclass__(**named)
 
 
 class Leaving(Screen[ScreenResultType]):

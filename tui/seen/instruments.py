@@ -49,9 +49,9 @@ class Group:
     figures: tuple[Figure, ...]
 
 
-def size(readings: Mapping[str, float], names: Iterable[str] = FORCE) -> float | None:
-    """Return the length of a vector among the readings; None: it is not there."""
-    parts = [readings[name] for name in names if name in readings]
+def size(readings: Mapping[str, float]) -> float | None:
+    """Return the size of the force among the readings [N]; None: it is not there."""
+    parts = [readings[name] for name in FORCE if name in readings]
     return hypot(*parts) if parts else None
 
 

@@ -92,10 +92,6 @@ class Window(NamedTuple):
         column, row = self.cell(point)
         return 0 <= column < self.columns and 0 <= row < self.rows
 
-    def sized(self, columns: int, rows: int) -> Window:
-        """Return the same part in a field of another size."""
-        return self._replace(columns=columns, rows=rows)
-
 
 def rounded_up(value: float) -> float:
     """Return the next of 1, 2, 5, 10, 20, … times a power of ten that is no smaller."""

@@ -22,14 +22,14 @@ def named(reading: Reading) -> str:
 class Series:
     """The values of one reading, the oldest first."""
 
-    __slots__ = ("_times", "_values", "dropped")
+    __slots__ = ("_times", "_values", "count")
 
     def __init__(self, kept: int = KEPT) -> None:
         """Remember so many values."""
         self._times: deque[float] = deque(maxlen=kept)
         self._values: deque[float] = deque(maxlen=kept)
-        self.dropped = 0
-        """Values that are remembered no longer."""
+        self.count = 0
+        """How many values have come; it grows with each."""
 
     def __len__(self) -> int:
         """Count the values."""
@@ -39,14 +39,9 @@ class Series:
         """Remember a value that came now [s]; what is no number is left out, and so is what came before."""
         if not isfinite(value) or (self._times and now < self._times[-1]):
             return
-        self.dropped += len(self._times) == self._times.maxlen
+        self.count += 1
         self._times.append(now)
         self._values.append(value)
-
-    @property
-    def count(self) -> int:
-        """How many values have come; it grows with each."""
-        return self.dropped + len(self._times)
 
     @property
     def latest(self) -> float | None:

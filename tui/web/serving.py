@@ -268,7 +268,8 @@ async def web(line: Line, realm: str) -> int:
     reception = Reception(door, words, int(most))
     async with serving(reception, host, port, sealed) as server:
         found = next(iter(server.sockets)).getsockname()[1]
-        shown = next(iter(door.origins), f"{door.scheme}://{line_host(host)}:{found}")
+        name = f"[{host}]" if ":" in host else host
+        shown = next(iter(door.origins), f"{door.scheme}://{name}:{found}")
         _tell(shown, door, realm, readonly=readonly)
         await asyncio.get_running_loop().create_future()
     return exit_codes.DONE
@@ -281,11 +282,6 @@ def _takes_gzip(headers: Iterable[str]) -> bool:
         if name == "gzip":
             return weight.removeprefix("q=").strip("0.") != "" or not weight
     return False
-
-
-def line_host(host: str) -> str:
-    """Return a host as it stands in an address."""
-    return f"[{host}]" if ":" in host else host
 
 
 def _tell(shown: str, door: Door, realm: str, *, readonly: bool) -> None:

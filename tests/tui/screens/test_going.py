@@ -16,9 +16,9 @@ from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import Outcome
 from robotree.tui.processes.place_files import NamedPlace, places_beside
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
+from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cached_text import CachedText
-from robotree.tui.screen.widgets.plan_pane import PlanPane
 from robotree.tui.screen.widgets.plan_view import PlanView
 from robotree.tui.screen.widgets.pointed_picture import PointedPicture
 from robotree.vr.base.envelope import sitting_at
@@ -145,7 +145,7 @@ async def test_a_point_of_another_frame_gets_no_name_in_that_of_the_robot(
     async with operate(realm.realm_client) as operator:
         await at_plan(operator)
         await operator.press("up")
-        monkeypatch.setattr(PlanPane, "ground", "floor")
+        monkeypatch.setattr(MainPage, "ground", "floor")
         await operator.press("K")
         await operator.sees("arm-1 moves in another frame, and the point is of floor")
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Vertical
 from textual.events import Key
 from textual.widgets import Static
 
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.dialogs import Modal
 from robotree.vr.core.machine import ATTENTION
 from robotree.vr.exchange.attendance import Attendance
@@ -24,7 +20,7 @@ CELLS = 20
 class AttendDialog(Modal[None]):
     """In front while a command goes on that wants somebody at a key; each key is passed on to the robot."""
 
-    BINDINGS: ClassVar[list[BindingType]] = bindings("attend")
+    KEYS_OF = "attend"
 
     def __init__(self, robot: str, command: str, attendance: Attendance) -> None:
         """Pass the keys on to `attendance`."""

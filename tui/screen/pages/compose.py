@@ -6,13 +6,12 @@ import asyncio
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Horizontal
 from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
@@ -29,7 +28,6 @@ from robotree.tui.composing.steps import (
 from robotree.tui.composing.writing import KnownRobots, Prepared, prepared, tried, write
 from robotree.tui.errors import BadComposition
 from robotree.tui.line.past import settled_events
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.jog import bounds
 from robotree.tui.screen.pages.dialogs import Choosing, Confirm
 from robotree.tui.screen.pages.page import Page
@@ -49,8 +47,8 @@ EMPTY = "no step yet: a adds one, T shows them by hand"
 class ComposePage(Page):
     """The steps, one line each; below them the line that is edited, and whether it can be meant."""
 
-    KEYS_OF: ClassVar[str] = "compose"
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+    PAGE = "composer"
+    KEYS_OF = "compose"
 
     def __init__(self) -> None:
         """Begin without a step."""
@@ -68,10 +66,6 @@ class ComposePage(Page):
         """Whether that row was just added: it goes again if it is left."""
         self.said = ""
 
-    def title_of_page(self) -> str:
-        """Return what is made here."""
-        return "composer"
-
     def parts(self) -> ComposeResult:
         """Name, slots and parameters, the steps, the line, what is wrong."""
         with Horizontal(id="naming"):
@@ -85,7 +79,6 @@ class ComposePage(Page):
     def on_mount(self) -> None:
         """Begin in the list."""
         self.query_one("#step-line", Input).display = False
-        super().on_mount()
         self._show(0)
         self.query_one("#steps", OptionList).focus()
 
@@ -217,9 +210,6 @@ class ComposePage(Page):
         field.focus()
 
     @on(Input.Submitted, "#step-line")
-    def _edited(self) -> None:
-        self._take_line()
-
     def _take_line(self) -> bool:
         """Take the line that is edited; False: it is no step, and that was said."""
         at, text = self._at, self.query_one("#step-line", Input).value.strip()

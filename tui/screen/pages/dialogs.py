@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import ClassVar, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen, ScreenResultType
 from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.hanging import containing, hanging
 from robotree.tui.screen.part import Leaving, Part
 from robotree.tui.screen.widgets.key_line import KeyLine
@@ -31,7 +29,7 @@ class Modal(Part, ModalScreen[ScreenResultType], Leaving[ScreenResultType]):
     """A box over a page: it dims the page, and has its own keys in the line at the bottom."""
 
     VERTICAL_BREAKPOINTS = LOW
-    BINDINGS: ClassVar[list[BindingType]] = bindings("question")
+    KEYS_OF = "question"
 
     def compose(self) -> ComposeResult:
         """The box and its keys."""
@@ -45,6 +43,10 @@ class Modal(Part, ModalScreen[ScreenResultType], Leaving[ScreenResultType]):
     def action_other(self) -> None:
         """Go to the other button or list."""
         self.focus_next()
+
+    @on(Button.Pressed, "#no")
+    def _decline(self) -> None:
+        self.dismiss(None)
 
     def action_answer(self, _answer: bool) -> None:  # noqa: FBT001 # Textual calls it with a literal
         """Leave without an answer."""
@@ -161,7 +163,7 @@ class Broken(Part, Static):
 class Reading(Modal[None]):
     """Shows a longer text, as the command line would print it."""
 
-    BINDINGS: ClassVar[list[BindingType]] = bindings("text")
+    KEYS_OF = "text"
 
     def __init__(self, title: str, text: str | Text) -> None:
         """Show `text` under `title`; neither is markup."""

@@ -76,18 +76,16 @@ class EnslaveDialog(Modal[Line]):
 
     def box(self) -> ComposeResult:
         """Slots on the left, robots on the right."""
+        slots = (Option(Text.assemble((one.path, "bold"), f"  takes {one.kind}")) for one in self._openings)
         with Vertical(classes="dialog enslave"):
             yield Label("Enslave", classes="dialog-title", markup=False)
             with Horizontal(classes="choices"):
-                yield OptionList(*map(self._slot_option, self._openings), id="slots", markup=False)
+                yield OptionList(*slots, id="slots", markup=False)
                 yield OptionList(id="children", markup=False)
             yield Label("", id="enslave-note", markup=False)
             with Horizontal(classes="buttons"):
                 yield Button("Cancel", id="no", compact=True)
                 yield Button("Enslave", id="yes", variant="primary", compact=True)
-
-    def _slot_option(self, opening: Opening) -> Option:
-        return Option(Text.assemble((opening.path, "bold"), f"  takes {opening.kind}"), id=opening.path)
 
     def on_mount(self) -> None:
         """Offer the children of the first slot."""
@@ -153,7 +151,3 @@ class EnslaveDialog(Modal[Line]):
             self.dismiss(Line("enslave", {"PARENT.SLOT": opening.path, "CHILD": (chosen.id,)}))
         else:
             self.query_one("#enslave-note", Label).update("choose a robot: ↑ ↓")
-
-    @on(Button.Pressed, "#no")
-    def _cancel(self) -> None:
-        self.dismiss(None)

@@ -105,11 +105,8 @@ class GoDialog(Modal[Line]):
     def _on(self) -> None:
         self.focus_next()
 
-    @on(Button.Pressed)
-    def _pressed(self, event: Button.Pressed) -> None:
-        if event.button.id != "yes":
-            self.dismiss(None)
-            return
+    @on(Button.Pressed, "#yes")
+    def _go(self) -> None:
         texts = tuple(f"{name}={text}" for name, text in self._typed.items())
         self.dismiss(Line("go", {"ROBOT": self._trip.robot, "PLACE|COORDINATE=VALUE": texts}))
 
@@ -154,7 +151,3 @@ class NameDialog(Modal[Line]):
         if texts:
             values["COORDINATE=VALUE"] = texts
         self.dismiss(Line("places add", values))
-
-    @on(Button.Pressed, "#no")
-    def _cancel(self) -> None:
-        self.dismiss(None)

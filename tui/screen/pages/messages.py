@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Horizontal
 
 from robotree.tui.processes.wire_watch import WireMessage
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint
@@ -27,8 +24,7 @@ NAME = 26
 class MessagesPage(Page):
     """Watches the wire of one proxy while it is in front, or while a field of it is ticked."""
 
-    KEYS_OF: ClassVar[str] = "messages"
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+    KEYS_OF = "messages"
 
     def __init__(self, robot: str) -> None:
         """Watch a robot's wire."""
@@ -45,7 +41,6 @@ class MessagesPage(Page):
     def on_mount(self) -> None:
         """Begin to listen."""
         self.app.watch_wire(self.robot)
-        super().on_mount()
         self.query_one("#messages-list").focus()
 
     def title_of_page(self) -> str:

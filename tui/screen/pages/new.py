@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import ClassVar
 
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Button, DirectoryTree, Input, Label, Static
 from textual.widgets.directory_tree import DirEntry
@@ -18,7 +16,6 @@ from textual.widgets.tree import TreeNode
 from robotree.files import text as text_of
 from robotree.tui.line import sources
 from robotree.tui.line.grammar import Line, Value
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.key_guard import Form
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.part import Part
@@ -93,9 +90,8 @@ def places() -> list[tuple[str, Path]]:
 class NewPage(Form, Page):
     """The file picker, and what is in the file."""
 
-    PAGE: ClassVar[str] = "new virtual robot"
-    KEYS_OF: ClassVar[str] = "new"
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+    PAGE = "new virtual robot"
+    KEYS_OF = "new"
 
     def __init__(self) -> None:
         """Nothing is chosen yet."""

@@ -92,6 +92,10 @@ class Page(Part, Leaving[None]):
         pages = [screen for screen in self.app.screen_stack if not screen.is_modal]
         return bool(pages) and pages[-1] is self
 
+    def action_back(self) -> None:
+        """Leave; what runs goes on."""
+        self.dismiss()
+
     # -- the prompt --------------------------------------------------------------------------------
 
     def open_line(self, kind: Kind, text: str = "") -> None:

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import ContentSwitcher, OptionList
 from textual.widgets.option_list import Option
 
 from robotree.tui.processes.trust import gate_for
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.jog import bounds
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.page import Page
@@ -49,10 +47,9 @@ LETTERS = {"teleoperate", "cancel", "about", "halt"}
 class PanelPage(Page):
     """Commands on the left, the form of the chosen one on the right."""
 
-    KEYS_OF: ClassVar[str] = "panel"
+    KEYS_OF = "panel"
     BESIDE: ClassVar[str] = "readings"
     """What stands below the commands."""
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
 
     def __init__(self, robot: RobotDescription, command: str = "") -> None:
         """Open the panel of a robot as it described itself, at a command or at the first."""
@@ -130,7 +127,8 @@ class PanelPage(Page):
         own.id, own.display = self._own, False
         await forms.mount(own)
         commands = self.query_one("#commands", OptionList)
-        self._list_own()
+        if commands.option_count == len(self.robot.commands):
+            commands.add_option(Option(Text("its own panel", "italic"), id=self._own))
         if not self._command and commands.has_focus and commands.highlighted in (None, 0):
             commands.highlighted = len(self.robot.commands)
 
@@ -148,11 +146,6 @@ class PanelPage(Page):
             commands.remove_option(self._own)
         await event.panel.remove()
         self._look_for_own()
-
-    def _list_own(self) -> None:
-        commands = self.query_one("#commands", OptionList)
-        if self.query(".own-panel") and commands.option_count == len(self.robot.commands):
-            commands.add_option(Option(Text("its own panel", "italic"), id=self._own))
 
     @property
     def _own(self) -> str:

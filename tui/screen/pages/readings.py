@@ -6,15 +6,13 @@ has ticked are not kept.
 
 from __future__ import annotations
 
-from typing import ClassVar, cast
+from typing import cast
 
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical
 
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
 from robotree.tui.screen.widgets.marks import tint
@@ -44,8 +42,7 @@ SPARK = 10
 class ReadingsPage(Page):
     """The readings that a person watches, and those of the selected robot."""
 
-    KEYS_OF: ClassVar[str] = "readings"
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+    KEYS_OF = "readings"
 
     def __init__(self) -> None:
         """Show the last half minute."""
@@ -68,7 +65,6 @@ class ReadingsPage(Page):
 
     def on_mount(self) -> None:
         """Begin to draw."""
-        super().on_mount()
         self.query_one(RowList).focus()
         self.set_interval(1 / (SLOW if self.app.calm else RATE), self.guarded(self._plot))
 
@@ -98,14 +94,7 @@ class ReadingsPage(Page):
 
     # -- keys --------------------------------------------------------------------------------------
 
-    def action_back(self) -> None:
-        """Leave."""
-        self.dismiss()
-
     @on(RowList.OptionSelected)
-    def _selected(self) -> None:
-        self.action_tick()
-
     def action_tick(self) -> None:
         """Watch the reading under the cursor, or end that."""
         reading = self.chosen

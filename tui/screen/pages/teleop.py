@@ -7,17 +7,15 @@ from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
 from math import degrees
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Grid, Horizontal, Vertical
 from textual.widgets import Button, Static
 
 from robotree.tui.composing.gathering import Felt
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.jog import AXES, GET_INFO, GO_TO, GRIP, STEPS, Bounds, Jog
 from robotree.tui.screen.key_guard import SOON
 from robotree.tui.screen.pages.page import Page
@@ -67,8 +65,7 @@ JOGS = {
 class TeleopPage(Page):
     """One robot, by hand."""
 
-    KEYS_OF: ClassVar[str] = "teleop"
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+    KEYS_OF = "teleop"
 
     def __init__(self, robot: RobotDescription, bounds: Bounds) -> None:
         """Tele-operate a robot within the bounds of its `go_to`."""

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
 from textual.widgets import Button, Input, Label, Static
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line import ordering
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.dialogs import Answer, Confirm, Question
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.permits import ask_about_permit
@@ -79,8 +77,7 @@ class PlainPage(Page):
 class UserPage(PlainPage):
     """The list: questions, what is under way, results, what waits, and what can be done."""
 
-    KEYS_OF: ClassVar[str] = "user"
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+    KEYS_OF = "user"
 
     def __init__(self, desk: UserDesk) -> None:
         """Nothing is known yet."""
@@ -94,7 +91,6 @@ class UserPage(PlainPage):
 
     def on_mount(self) -> None:
         """Draw now and then, and look at the orders."""
-        super().on_mount()
         self.query_one(RowList).focus()
         self._look()
         self.set_interval(LOOK, self._look)
@@ -340,8 +336,7 @@ def _title_of(robot: RobotDescription, command: str) -> str:
 class DoingPage(PlainPage):
     """One behaviour: what it is, what it needs to know, and to begin it now or leave it as an order."""
 
-    KEYS_OF: ClassVar[str] = "doing"
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+    KEYS_OF = "doing"
 
     def __init__(self, desk: UserDesk, behaviour: Behaviour) -> None:
         """Take what can be done."""
@@ -377,7 +372,6 @@ class DoingPage(PlainPage):
 
     def on_mount(self) -> None:
         """Point at the first field, else at the way back: nothing begins by a hasty key."""
-        super().on_mount()
         rows = list(self.query(FieldRow))
         if rows:
             rows[0].focus_entry()
@@ -447,7 +441,3 @@ class DoingPage(PlainPage):
             self.query_one("#outcome", Static).update(Text(f"✗ {error}", tint(self.app, "error")))
         else:
             self.dismiss()
-
-    def action_back(self) -> None:
-        """Go back to the list."""
-        self.dismiss()

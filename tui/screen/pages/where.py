@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
 
 from rich.text import Text
 from textual import work
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Horizontal, VerticalScroll
 
 from robotree.tui.line import standing as words
 from robotree.tui.line.past import Known
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.hanging import broken
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText, entitle
@@ -33,8 +30,7 @@ SOON = 0.2
 class WherePage(Page):
     """Watches one robot. Nothing is asked while it is not in front."""
 
-    KEYS_OF: ClassVar[str] = "where"
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+    KEYS_OF = "where"
 
     def __init__(self, robot: str) -> None:
         """Look at a robot."""
@@ -65,17 +61,12 @@ class WherePage(Page):
     def on_mount(self) -> None:
         """Begin to look."""
         self.query_one("#where-source").focus()
-        super().on_mount()
 
     def title_of_page(self) -> str:
         """Say which robot it is about."""
         return f"where {self.robot} is"
 
     # -- keys --------------------------------------------------------------------------------------
-
-    def action_back(self) -> None:
-        """Leave; the robot goes on."""
-        self.dismiss()
 
     def action_verb(self, verb: str) -> None:
         """Pause the robot, let it take a step, or let it go on."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
-from textual.binding import BindingType
 from textual.containers import Horizontal
 from textual.widgets import Button, Input, Static, TextArea
 
@@ -18,7 +17,6 @@ from robotree.tui.errors import SupervisorError
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.known_kinds import checked_script
-from robotree.tui.screen.bindings import bindings
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.flash import FlashLine
 from robotree.tui.screen.widgets.key_line import KeyLine
@@ -40,8 +38,7 @@ FIRST = "mine"
 class WritePage(Page):
     """A name, the text, and what is wrong with it."""
 
-    KEYS_OF: ClassVar[str] = "writing"
-    BINDINGS: ClassVar[list[BindingType]] = bindings(KEYS_OF)
+    KEYS_OF = "writing"
 
     def __init__(self, found: Sequence[Behaviour]) -> None:
         """Begin with a script that does the first of these behaviours once."""
@@ -63,7 +60,6 @@ class WritePage(Page):
 
     def on_mount(self) -> None:
         """Begin in the text."""
-        super().on_mount()
         self.query_one(TextArea).focus()
 
     def draw(self) -> None:
@@ -83,14 +79,6 @@ class WritePage(Page):
             area.replace(f"script: {self._named}", (0, 0), (0, len(first)))
 
     @on(Button.Pressed, "#check")
-    def _checked(self) -> None:
-        self._check()
-
-    @on(Button.Pressed, "#make")
-    def action_make(self) -> None:
-        """Check, keep and make it."""
-        self._make()
-
     @work(exclusive=True, exit_on_error=False, group="script")
     async def _check(self) -> None:
         await self._good()
@@ -106,8 +94,10 @@ class WritePage(Page):
         self._say(f"✓ good: {rules} rule{'s' * (rules != 1)}", "success")
         return True
 
+    @on(Button.Pressed, "#make")
     @work(exclusive=True, exit_on_error=False, group="script")
-    async def _make(self) -> None:
+    async def action_make(self) -> None:
+        """Check, keep and make it."""
         if not await self._good():
             return
         path = Path(f"{self._named}.yaml")
@@ -129,10 +119,6 @@ class WritePage(Page):
 
     def _say(self, text: str, colour: str) -> None:
         self.query_one("#outcome", Static).update(Text(text, tint(self.app, colour)))
-
-    def action_back(self) -> None:
-        """Go back to the list; the text is not kept."""
-        self.dismiss()
 
 
 def keep(path: Path, source: str) -> None:

@@ -154,7 +154,6 @@ class MarkedPicture(PictureView):
 
     def on_mount(self) -> None:
         """Begin to look."""
-        super().on_mount()
         self.show(partial(self._look_through, self._part.view, self._part.camera), "looking …")
 
     async def _look_through(self, view: str, camera: str, width: int, height: int) -> Picture:

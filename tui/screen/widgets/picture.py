@@ -13,7 +13,7 @@ from rich.color import Color
 from rich.segment import Segment
 from rich.style import Style
 from textual import work
-from textual.geometry import Region, Size
+from textual.geometry import Region
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -58,11 +58,6 @@ def _rich(colour: Colour) -> Color:
 
 _numbers = count(os.getpid() % 0x3FFF << 8 | 1)
 """Of pictures in the terminal: other programs in it have others, as far as chance allows."""
-
-
-def divmod_thrice(number: int) -> tuple[int, int, int]:
-    """Return a number of a picture as the colour by which kitty knows it: 24 bits."""
-    return number >> 16 & 0xFF, number >> 8 & 0xFF, number & 0xFF
 
 
 def _few(rows: list[list[Run]]) -> list[list[Run]]:
@@ -212,7 +207,7 @@ class PictureView(Part, Widget):
         """Return a row of the picture: half cells, or what stands for its pixels."""
         graphics, columns = self._in_pixels[0], self.field.width
         if graphics == "kitty":
-            style = Style.from_color(Color.from_rgb(*divmod_thrice(self._number)))
+            style = Style.from_color(Color.parse(f"#{self._number:06x}"))  # by which kitty knows it
             return [Segment(cell, style) for cell in placeholders(row, columns)]
         if graphics == "sixel":
             return [Segment(" " * columns, self.rich_style)]
@@ -227,24 +222,14 @@ class PictureView(Part, Widget):
         left, top = (self.size.width - columns) // 2, (self.size.height - len(self._rows)) // 2
         return Region(max(left, 0), max(top, 0), columns, len(self._rows))
 
-    def get_content_width(self, container: Size, viewport: Size) -> int:  # noqa: ARG002 # Textual's signature
-        """Take what there is."""
-        return container.width
-
     def render_line(self, y: int) -> Strip:
         """Draw one line of cells."""
         width = self.size.width
         background = self.rich_style
         if not self._rows:
             middle = y == self.size.height // 2
-            return Strip(
-                [
-                    Segment(
-                        clip(self._message, width).center(width)[:width] if middle else " " * width,
-                        background,
-                    )
-                ]
-            )
+            message = clip(self._message, width).center(width)[:width] if middle else " " * width
+            return Strip([Segment(message, background)])
         if self._dated and y == 0:
             why = self._trouble or "its view does not answer"
             caption = clip(f" {span(self._age)} old: {why}", width)

@@ -35,7 +35,8 @@ class PlanPane(Part, Horizontal):
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 # Textual's name for it
         """Know no place yet."""
         super().__init__(id=id)
-        self._ground = ""
+        self.ground = ""
+        """Name of the frame that is shown."""
         self._rest: Timer | None = None
         self._places: dict[str, NamedPlace] = {}
         self._looked = self._asked = float("-inf")
@@ -59,19 +60,14 @@ class PlanPane(Part, Horizontal):
         point = self.query_one(PlanView).point
         return None if point is None else {"x": point[0], "y": point[1]}
 
-    @property
-    def ground(self) -> str:
-        """Name of the frame that is shown."""
-        return self._ground
-
     def draw(self, now: float) -> None:
         """Draw where all robots of the place are now."""
         app, store, plan = self.app, self.app.store, self.query_one(PlanView)
         selected = app.selection.name
         robot = store.described(selected)
-        ground = ground_of(robot, store.descriptions) if robot is not None else self._ground
-        if ground != self._ground:
-            self._ground = ground
+        ground = ground_of(robot, store.descriptions) if robot is not None else self.ground
+        if ground != self.ground:
+            self.ground = ground
             plan.forget_window()
         self._look_for_places()
         if self._foreseen is not None and now - self._asked > AGAIN:
@@ -86,7 +82,7 @@ class PlanPane(Part, Horizontal):
     @property
     def _foreseen(self) -> Foreseen | None:
         newest = self.app.foresight.newest
-        return newest if newest is not None and newest.frame == self._ground else None
+        return newest if newest is not None and newest.frame == self.ground else None
 
     def _look_for_places(self) -> None:
         if time.monotonic() - self._looked > LOOK:
@@ -117,7 +113,7 @@ class PlanPane(Part, Horizontal):
         self.query_one("#plan-places", CachedText).show(
             Text("\n".join(listed) or none, "" if listed else muted)
         )
-        entitle(self.query_one(PlanView), f"{self._ground or 'the place'}, from above")
+        entitle(self.query_one(PlanView), f"{self.ground or 'the place'}, from above")
 
     def _way_text(self) -> Text:
         point, newest = self.point, self._foreseen
@@ -150,7 +146,7 @@ class PlanPane(Part, Horizontal):
         robot, point = self.app.store.described(self.app.selection.name), self.point
         if robot is not None and point is not None:
             self._asked = self.app.now()
-            self.app.foresee(robot, point, self._ground)
+            self.app.foresee(robot, point, self.ground)
 
     @on(PlanView.Chosen)
     def _chosen(self) -> None:
@@ -158,6 +154,6 @@ class PlanPane(Part, Horizontal):
 
     @on(PlanView.Turned)
     def _turned(self, event: PlanView.Turned) -> None:
-        if names := [spot.name for spot in spots(self.app.store, self._ground)]:
+        if names := [spot.name for spot in spots(self.app.store, self.ground)]:
             self.app.turn(names, event.by)
             self._pointed()

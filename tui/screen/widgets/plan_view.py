@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.segment import Segment
 from rich.style import Style
 from textual.events import Click, Resize
-from textual.geometry import Region, Size
+from textual.geometry import Region
 from textual.strip import Strip
 
 from robotree.tui.processes.place_files import NamedPlace
@@ -61,7 +61,7 @@ class PlanView(Pointing):
             self._window = window = fitting(scene.points, columns, rows)
             self.cursor = self._inside(window.cell(point)) if point else None
         elif (window.columns, window.rows) != (columns, rows):
-            self._window = window = window.sized(columns, rows)
+            self._window = window = window._replace(columns=columns, rows=rows)
         self._draw_lines(drawn(scene, window, self.cursor))
 
     def _draw_lines(self, lines: list[list[Run]]) -> None:
@@ -76,10 +76,6 @@ class PlanView(Pointing):
     def forget_window(self) -> None:
         """Another place is shown from now on."""
         self._window, self._zoomed, self.cursor = None, False, None
-
-    def get_content_width(self, container: Size, viewport: Size) -> int:  # noqa: ARG002 # Textual's signature
-        """Take what there is."""
-        return container.width
 
     def on_resize(self, event: Resize) -> None:
         """Fit again."""

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
-from textual.binding import BindingType
 from textual.message import Message
 from textual.widget import Widget
 
-from robotree.tui.screen.bindings import bindings, refusal
+from robotree.tui.screen.bindings import refusal
 from robotree.tui.screen.part import Part
 
 
 class Pointing(Part, Widget, can_focus=True):
     """A widget with a cursor."""
 
-    BINDINGS: ClassVar[list[BindingType]] = bindings("plan")
+    KEYS_OF = "plan"
 
     class News(Message):
         """Something was done with the cursor. Textual runs the handlers of a base, too: this one has none."""

@@ -67,11 +67,6 @@ class Prompt(Apart, Part, Vertical):
     class Filtered(Message):
         """Other letters shall be filtered by."""
 
-        def __init__(self, text: str) -> None:
-            """Carry the letters."""
-            super().__init__()
-            self.text = text
-
     class Left(Message):
         """The prompt was left."""
 
@@ -137,7 +132,7 @@ class Prompt(Apart, Part, Vertical):
 
     def _filter(self, letters: str) -> None:
         self.letters = letters
-        self.post_message(self.Filtered(letters))
+        self.post_message(self.Filtered())
 
     def action_leave(self) -> None:
         """Leave; a filter is taken away."""

@@ -13,7 +13,7 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual.binding import Binding, BindingType
-from textual.events import Click, Resize
+from textual.events import Click
 from textual.geometry import Region, Size
 from textual.message import Message
 from textual.scroll_view import ScrollView
@@ -200,17 +200,7 @@ class RobotTable(Part, ScrollView, can_focus=True):
         urgent, rest = list[Region](), list[Region]()
         for region in dirty:
             drawn, wanted = self._drawn.get(region.y), self._wanted(top + region.y - HEADER)
-            same = (
-                drawn
-                and wanted
-                and (drawn[0].name, drawn[0].status, drawn[1])
-                == (
-                    wanted[0].name,
-                    wanted[0].status,
-                    wanted[1],
-                )
-            )
-            (rest if same else urgent).append(region)
+            (rest if _outline(drawn) == _outline(wanted) else urgent).append(region)
         rest = [one for one in rest if one.y > self._turn] + [one for one in rest if one.y <= self._turn]
         if rest:
             self._turn = rest[:CALM_LINES][-1].y
@@ -245,17 +235,13 @@ class RobotTable(Part, ScrollView, can_focus=True):
         shown, under_cursor = wanted
         if shown.placement.heading:
             words = clip(f" {shown.placement.heading}", width)
-            return Strip([Segment(words, base + tint(self.app, "primary", bold=True))]).adjust_cell_length(
-                width, base
-            )
+            heading = Segment(words, base + tint(self.app, "primary", bold=True))
+            return Strip([heading]).adjust_cell_length(width, base)
         if under_cursor:
             cursor = self.get_component_rich_style("robot-table--cursor")
             base += Style(bgcolor=cursor.bgcolor, bold=cursor.bold, reverse=self.app.no_color)
-        return (
-            Strip(self._segments(shown, base, under_cursor=under_cursor))
-            .simplify()
-            .adjust_cell_length(width, base)
-        )
+        segments = self._segments(shown, base, under_cursor=under_cursor)
+        return Strip(segments).simplify().adjust_cell_length(width, base)
 
     def _segments(self, shown: RobotRow, base: Style, *, under_cursor: bool) -> list[Segment]:
         muted = base + tint(self.app, "muted")
@@ -363,12 +349,16 @@ class RobotTable(Part, ScrollView, can_focus=True):
 
     # -- its size ----------------------------------------------------------------------------------
 
-    def on_resize(self, event: Resize) -> None:
+    def on_resize(self) -> None:
         """Share the width anew, and keep the selected robot in sight."""
-        del event
         self.virtual_size = Size(self.size.width, len(self._placements) + HEADER)
         self._lay_out()
         self.scroll_to_cursor()
+
+
+def _outline(line: tuple[RobotRow, bool] | None) -> object:
+    """Return what of a line is shown at once when it differs."""
+    return line and (line[0].name, line[0].status, line[1])
 
 
 def _position(placements: Sequence[Placement], name: str) -> int:
