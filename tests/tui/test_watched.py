@@ -122,14 +122,14 @@ def drawn(canvas: Canvas) -> list[str]:
 def test_a_ramp_is_drawn_from_below_to_above_and_a_short_peak_is_never_lost() -> None:
     canvas = Canvas(8, 2)
     ramp = Curve([float(at) for at in range(16)], [float(at) for at in range(16)])
-    plotting.over_time(canvas, [ramp], Frame(0.0, 16.0, 0.0, 15.0))
+    plotting.over_time(canvas, ramp, Frame(0.0, 16.0, 0.0, 15.0))
     above, below = drawn(canvas)
     assert above[:4].isspace()
     assert above[7] != " "
     assert below[0] != " "
     many = Curve([at / 1000 for at in range(16000)], [float(at == 7000) for at in range(16000)])
     canvas = Canvas(8, 2)
-    plotting.over_time(canvas, [many], Frame(0.0, 16.0, 0.0, 1.0))
+    plotting.over_time(canvas, many, Frame(0.0, 16.0, 0.0, 1.0))
     assert drawn(canvas)[0].strip(), "one of sixteen thousand values is seen"
 
 
@@ -143,10 +143,10 @@ def test_no_values_and_no_size_break_a_plot(
     values: list[float], width: int, height: int, shift: float
 ) -> None:
     curve = Curve([float(at) for at in range(len(values))], values)
-    low, high = plotting.range_of([curve], 3.0)
+    low, high = plotting.range_of(curve.values, 3.0)
     assert low < high
     canvas = Canvas(width, height)
-    plotting.over_time(canvas, [curve], Frame(shift, shift + 20.0, low, high), (3.0,))
+    plotting.over_time(canvas, curve, Frame(shift, shift + 20.0, low, high), (3.0,))
     plotting.against(canvas, values, values, Frame(low, high, low, high))
     assert [len(line) for line in drawn(canvas)] == [width] * height
 
@@ -154,11 +154,11 @@ def test_no_values_and_no_size_break_a_plot(
 @pytest.mark.parametrize("unit", ["N", "m", "rad", "count"])
 def test_noise_below_the_shown_digits_does_not_fill_a_plot(unit: str) -> None:
     noise = Curve([0.0, 1.0], [-2e-7, 3e-7])
-    low, high = plotting.range_of([noise], least=4 * finest(unit))
+    low, high = plotting.range_of(noise.values, least=4 * finest(unit))
     assert high - low == pytest.approx(4 * finest(unit))
     assert len({figure(low + share * (high - low), unit)[0] for share in (0.0, 0.5, 1.0)}) == 3
     wide = Curve([0.0, 1.0], [0.0, 1000.0])
-    assert plotting.range_of([wide], least=4 * finest(unit)) == plotting.range_of([wide])
+    assert plotting.range_of(wide.values, least=4 * finest(unit)) == plotting.range_of(wide.values)
 
 
 def test_two_readings_are_put_together_by_what_held_at_the_time() -> None:

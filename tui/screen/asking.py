@@ -93,7 +93,7 @@ def _rebond(app: OperatorApp, parent: str, slot: str, child: str) -> None:
         if line:
             app.perform(line)
         else:
-            app.store.decline(parent, slot)
+            app.store.lost.pop((parent, slot), None)
 
     app.push_screen(EnslaveDialog(app.store, places, child), answered)
 

@@ -437,7 +437,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             else:
                 self.store.end_stop([], {}, self.now())
         elif line.verb == "resume" and isinstance(outcome, Outcome) and not line.text("NAME"):
-            self.store.end_resume()
+            self.store.stop = None
 
     @work(exit_on_error=False, group="calls")
     async def call(

@@ -13,9 +13,6 @@ class Place:
     """The robot in this place; empty: nobody."""
     parent: str = ""
     slot: str = ""
-    kind: str = ""
-    """The kind that the slot takes."""
-    lost: str = ""
 
 
 NOWHERE = Place("")

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from robotree.vr.supervision.realm_client import RealmClient
 
 CALM = "ROBOTREE_CALM"
-"""In the environment: the line to the terminal is slow."""
+"""In the environment: unless it is empty or 0, the line to the terminal is slow (`robotree --calm`)."""
 
 LOG_FILE = "supervisor.log"
 """In `$XDG_STATE_HOME/robotree/REALM`."""
@@ -63,11 +63,6 @@ def _logging_to_a_file(realm: str) -> Generator[None]:
     finally:
         logging.getLogger().removeHandler(handler)
         handler.close()
-
-
-def wants_calm() -> bool:
-    """Whether the user has marked the terminal as slow: `robotree --calm`, or `$ROBOTREE_CALM=1`."""
-    return os.environ.get(CALM, "") not in {"", "0"}
 
 
 async def supervise(
@@ -109,9 +104,10 @@ async def supervise(
 async def _show(make: Callable[..., Supervisor], realm: str, store: Store) -> int:
     keys, steps, layout = keymap.load(), Choices(state_file(realm, STEPS)), layout_file()
     themes, looks = theme_files.load(), Choices(state_file(realm, LOOKS))
+    calm = os.environ.get(CALM, "") not in {"", "0"}
     task, ends = asyncio.current_task(), list[float]()
     while True:
-        app = make(store=store, keymap=keys, calm=wants_calm(), steps=steps, layout=layout)
+        app = make(store=store, keymap=keys, calm=calm, steps=steps, layout=layout)
         app.wear(looks, themes)
         if not app.is_web:
             app.pictures = pictures_here()

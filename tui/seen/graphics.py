@@ -17,7 +17,7 @@ import io
 import re
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 from PIL import Image, ImageDraw
 
@@ -60,10 +60,8 @@ def ability(environment: Mapping[str, str], ask_tmux: Callable[[str], str] = lam
         ask_tmux: returns what tmux says of a format; empty: it does not say.
     """
     wanted = environment.get(VARIABLE, "")
-    for each in get_args(Graphics):
-        if each == wanted:
-            found: Graphics = each
-            return found
+    if wanted in get_args(Graphics):
+        return cast("Graphics", wanted)
     if environment.get("NO_COLOR") or environment.get("STY"):  # screen passes nothing on
         return "cells"
     if environment.get("TMUX"):

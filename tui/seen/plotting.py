@@ -37,16 +37,15 @@ class Frame:
     high: float
 
 
-def range_of(curves: Sequence[Curve], *marks: float, least: float = 0.0) -> tuple[float, float]:
+def range_of(values: Sequence[float], *marks: float, least: float = 0.0) -> tuple[float, float]:
     """Return from where to where values are shown: all of them, and the marks, with a margin.
 
     Args:
-        curves: whose values are shown.
+        values: of the curve.
         marks: further values.
         least: the least range: what differs by less is noise.
     """
-    found = [value for curve in curves for value in curve.values]
-    found += marks
+    found = [*values, *marks]
     if not found:
         return 0.0, 1.0
     low, high = min(found), max(found)
@@ -106,37 +105,31 @@ class Canvas:
         return found
 
 
-def over_time(canvas: Canvas, curves: Sequence[Curve], frame: Frame, marks: Sequence[float] = ()) -> None:
-    """Draw curves over time, each from the least to the greatest value in a column of dots."""
+def over_time(canvas: Canvas, curve: Curve, frame: Frame, marks: Sequence[float] = ()) -> None:
+    """Draw a curve over time, from the least to the greatest value in a column of dots; 1, its marks 2."""
     wide, high = 2 * canvas.width, 4 * canvas.height
     across, down = wide / (frame.right - frame.left), (high - 1) / (frame.high - frame.low)
-    for number, curve in enumerate(curves, 1):
-        before: int | None = None
-        column, top, bottom = -1, high, -1
-        for time, value in zip(curve.times, curve.values, strict=True):
-            x = int((time - frame.left) * across)
-            y = min(max(round((frame.high - value) * down), 0), high - 1)
-            if x != column:
-                if 0 <= column < wide and bottom >= 0:
-                    canvas.column(column, top, bottom, number)
-                    _bridge(canvas, column, min(x, wide), before, number)
-                column, top, bottom = x, y, y
-                if before is not None and x >= 0:  # a line, not a cloud of dots
-                    top, bottom = min(top, before), max(bottom, before)
-            else:
-                top, bottom = min(top, y), max(bottom, y)
-            before = y
-        if 0 <= column < wide and bottom >= 0:
-            canvas.column(column, top, bottom, number)
+    before: int | None = None
+    column, top, bottom = -1, high, -1
+    for time, value in zip(curve.times, curve.values, strict=True):
+        x = int((time - frame.left) * across)
+        y = min(max(round((frame.high - value) * down), 0), high - 1)
+        if x != column:
+            if 0 <= column < wide and bottom >= 0:
+                canvas.column(column, top, bottom, 1)
+                if before is not None:  # the value holds until the next one came
+                    for held in range(column + 1, min(x, wide)):
+                        canvas.column(held, before, before, 1)
+            column, top, bottom = x, y, y
+            if before is not None and x >= 0:  # a line, not a cloud of dots
+                top, bottom = min(top, before), max(bottom, before)
+        else:
+            top, bottom = min(top, y), max(bottom, y)
+        before = y
+    if 0 <= column < wide and bottom >= 0:
+        canvas.column(column, top, bottom, 1)
     for mark in marks:
-        canvas.row(round((frame.high - mark) * down), len(curves) + 1)
-
-
-def _bridge(canvas: Canvas, column: int, to: int, y: int | None, number: int) -> None:
-    """Hold a value until the next one came."""
-    if y is not None:
-        for x in range(column + 1, to):
-            canvas.column(x, y, y, number)
+        canvas.row(round((frame.high - mark) * down), 2)
 
 
 def against(canvas: Canvas, across: Sequence[float], up: Sequence[float], frame: Frame) -> None:

@@ -561,10 +561,6 @@ class Store:
         """A person resumes: return the robots of the stop's banner that were not stopped and answer again."""
         return self.stop.settle() if self.stop else []
 
-    def end_resume(self) -> None:
-        """Note that all were resumed: no stop is to be confirmed any more."""
-        self.stop = None
-
     def take_line(self, name: str, line: LoggedLine, now: float) -> None:
         """Take a line of a robot's log: what its code says, and what became of the commands of people.
 
@@ -854,10 +850,6 @@ class Store:
         """Return parent, slot and child of a bond of this robot that was lost and can be made again."""
         places = ((*place, child) for place, child in self.lost.items() if child in self.robots)
         return next((one for one in places if name in {one[0], one[2]}), None)
-
-    def decline(self, parent: str, slot: str) -> None:
-        """A person does not want a lost bond to be made again."""
-        self.lost.pop((parent, slot), None)
 
     def old(self, name: str, now: float) -> bool:
         """Whether the readings of a robot are old: it is offline, silent, hangs or has gone."""

@@ -460,11 +460,11 @@ class MainPage(Page):
         elif self.pane == "plan":
             self.query_one(PlanPane).draw(now)
         self.query_one(LogPane).draw(
-            app.store, now, self.wall(), letters=self.filters.get("log", ""), level=self.level
+            app.store, now, self.app.wall(), letters=self.filters.get("log", ""), level=self.level
         )
         last = self.query_one(LastLines)
         last.display = self.pane != "log"
-        last.draw(app.store, now, self.wall())
+        last.draw(app.store, now, self.app.wall())
         self._draw_empty()
 
     def follow(self) -> None:

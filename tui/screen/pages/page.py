@@ -163,7 +163,3 @@ class Page(Part, Leaving[None]):
         self._compositor.update_widgets({widget})
         self._compositor_refresh()
         self._dirty_widgets |= others  # the refresh takes all of them for drawn
-
-    def wall(self) -> float:
-        """[s] since 1970."""
-        return self.app.wall()

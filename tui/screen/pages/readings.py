@@ -160,10 +160,8 @@ class ReadingsPage(Page):
     def draw(self) -> None:
         """Draw the list; the plots have a clock of their own."""
         super().draw()
-        if self.is_mounted:
-            self._draw_list()
-
-    def _draw_list(self) -> None:
+        if not self.is_mounted:
+            return
         choices = self.query_one(RowList)
         choices.fill(Row(reading, self._row(reading)) for reading in self._wanted())
         entitle(choices, "ticked, and of " + (seen(self.app.selection.name) or "no robot"))
@@ -217,7 +215,7 @@ class ReadingsPage(Page):
         ticked = self.app.store.watched.ticked.series
         readings, now = list(ticked), self.app.now()
         end = now if self.end is None else self.end
-        wall = self.wall() - (now - end)
+        wall = self.app.wall() - (now - end)
         plots = list(self.query(Plot))
         first = self._first(readings)
         shown = readings[first : first + PLOTS]

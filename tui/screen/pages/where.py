@@ -105,7 +105,7 @@ class WherePage(Page):
     # -- drawing -----------------------------------------------------------------------------------
 
     def _draw_found(self) -> None:
-        found, wall = self.found, self.wall()
+        found, wall = self.found, self.app.wall()
         head = Text(no_wrap=True, overflow="ellipsis")
         if found is not None:
             style = tint(self.app, "warning" if found.held else "accent" if found.runs else "muted")

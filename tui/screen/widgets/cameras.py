@@ -15,7 +15,6 @@ from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.screen.widgets.picture import Fetch, PictureView
 from robotree.tui.seen.cells import seen
 from robotree.vr.base.errors import VrError
-from robotree.vr.base.requests import Picture
 
 QUALITY = 80
 """JPEG quality: above, a terminal shows no difference."""
@@ -108,17 +107,12 @@ class Cameras(CachedText):
 
     def fetch(self, view: str, camera: str) -> Fetch:
         """Return what fetches the pictures of a camera."""
-        return partial(self._fetch, view, camera)
+        return partial(self.app.realm_client.look, view, camera=camera, quality=QUALITY)
 
     @property
     def ground(self) -> str:
         """Name of the frame in which the camera is that one looks through; empty: nobody knows."""
         return self.grounds.get(self.all[self.at][0], "") if self.all else ""
-
-    async def _fetch(self, view: str, camera: str, width: int, height: int) -> Picture:
-        return await self.app.realm_client.look(
-            view, camera=camera, width=width, height=height, quality=QUALITY
-        )
 
 
 class PictureBox(Part, Vertical):

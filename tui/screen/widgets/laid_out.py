@@ -25,7 +25,6 @@ from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.seen import instruments
 from robotree.tui.seen.cells import seen
 from robotree.vr.base.description import RobotDescription
-from robotree.vr.base.requests import Picture
 from robotree.vr.bundle.panel import (
     BarPart,
     ButtonPart,
@@ -154,12 +153,8 @@ class MarkedPicture(PictureView):
 
     def on_mount(self) -> None:
         """Begin to look."""
-        self.show(partial(self._look_through, self._part.view, self._part.camera), "looking …")
-
-    async def _look_through(self, view: str, camera: str, width: int, height: int) -> Picture:
-        return await self.app.realm_client.look(
-            view, camera=camera, width=width, height=height, quality=QUALITY
-        )
+        part, look = self._part, self.app.realm_client.look
+        self.show(partial(look, part.view, camera=part.camera, quality=QUALITY), "looking …")
 
     def mark(self, across: float, down: float) -> None:
         """Put the mark there: shares of the width and of the height; NaN: there is none."""

@@ -42,8 +42,8 @@ OLD = 2.0
 AGAIN = 1.0
 """[s] before a view that did not answer is asked again."""
 
-Fetch = Callable[[int, int], Awaitable[Picture]]
-"""Fetches a picture of about this width and height [px]."""
+Fetch = Callable[..., Awaitable[Picture]]
+"""Fetches a picture of about this `width` and `height` [px]."""
 
 
 @lru_cache(maxsize=8192)
@@ -146,7 +146,7 @@ class PictureView(Part, Widget):
     async def _look(self, fetch: Fetch) -> None:
         columns, rows = self.size.width, self.size.height
         width = min(max(FINER * columns, SMALLEST), LARGEST)
-        picture = await fetch(width, max(width * 9 // 16, 1))
+        picture = await fetch(width=width, height=max(width * 9 // 16, 1))
         self._came = self.app.now()
         if picture.jpeg == self._jpeg and not self._dated and self._drawn_for == (columns, rows):
             return  # nothing moves: nothing is drawn

@@ -77,12 +77,12 @@ class Plot(Part, Widget):
         self._asked = asked
         curve = Curve(*series.between(end - window, end))
         self._range = plotting.steady(
-            self._range, plotting.range_of([curve], *limits, least=STEPS * finest(unit))
+            self._range, plotting.range_of(curve.values, *limits, least=STEPS * finest(unit))
         )
         low, high = self._range
         canvas = Canvas(width, height)
         if curve.values:
-            plotting.over_time(canvas, [curve], Frame(end - window, end, low, high), limits)
+            plotting.over_time(canvas, curve, Frame(end - window, end, low, high), limits)
         clock = " … ".join(time.strftime("%H:%M:%S", time.localtime(at)) for at in (wall - window, wall))
         self._show(self._head(reading, curve.values, unit, clock), canvas, (low, high), unit)
 
@@ -96,8 +96,8 @@ class Plot(Part, Widget):
         xs, ys = plotting.together(
             Curve(*across[1].between(end - window, end)), Curve(*up[1].between(end - window, end))
         )
-        left, right = plotting.range_of([Curve(xs, xs)], least=STEPS * finest(across[2]))
-        low, high = plotting.range_of([Curve(ys, ys)], least=STEPS * finest(up[2]))
+        left, right = plotting.range_of(xs, least=STEPS * finest(across[2]))
+        low, high = plotting.range_of(ys, least=STEPS * finest(up[2]))
         canvas = Canvas(width, height)
         if xs:
             plotting.against(canvas, xs, ys, Frame(left, right, low, high))

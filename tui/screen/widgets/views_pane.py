@@ -63,8 +63,7 @@ class ViewsPane(Part, Horizontal):
             yield Cameras()
             yield PointedPicture(id="pointed")
             yield CachedText(id="bones")
-            with Grid(id="side-by-side"):
-                yield from ()
+            yield Grid(id="side-by-side")
 
     def on_mount(self) -> None:
         """Point the picture and read the instruments regularly."""
@@ -173,9 +172,7 @@ class ViewsPane(Part, Horizontal):
             picture.border_title = Text(f"{view} / {camera}")
             await grid.mount(picture)
             picture.show(cameras.fetch(view, camera), f"looking through {camera or view} …")
-        for first in grid.query(PointedPicture).results():
-            first.focus()
-            break
+        grid.query(PointedPicture).focus()
 
     # -- pointing ----------------------------------------------------------------------------------
 
