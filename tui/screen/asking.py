@@ -447,6 +447,10 @@ def _dismiss(app: OperatorApp, place: Place) -> None:
         )
 
 
+def _pane(name: str) -> Ask:
+    return lambda app, _place: in_front(app).show_pane(name)
+
+
 def _role(app: OperatorApp, place: Place) -> None:
     group = app.store.group(place.name)
     members = [app.store.descriptions.get(name) for name in (group.members if group else (place.name,))]
@@ -612,6 +616,6 @@ ASK: Mapping[str, Ask] = {
     "camera": lambda app, _place: in_front(app).turn(),
     "theme": lambda app, _place: app.change_look("theme"),
     "language": lambda app, _place: app.change_look("language"),
-    **{name: lambda app, _place, name=name: in_front(app).show_pane(name) for name in PANES},
+    **{name: _pane(name) for name in PANES},
 }
 """By verb: what its key does first, where that is not to carry it out for what is selected (`plainly`)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
 
 from textual import actions
 from textual.binding import Binding, BindingType
@@ -28,14 +27,19 @@ def bindings(page: str) -> list[BindingType]:
     ]
 
 
-@cache
+_known: dict[type, Mapping[tuple[str, tuple[object, ...]], str]] = {}
+"""By page or widget: the verb that each of its keys wants, by its action."""
+
+
 def _wants(holder: type) -> Mapping[tuple[str, tuple[object, ...]], str]:
-    """Return the verb that each key of a page or widget wants, by its action."""
+    if holder in _known:
+        return _known[holder]
     found: dict[tuple[str, tuple[object, ...]], str] = {}
     for binding in getattr(holder, "BINDINGS", ()):
         if isinstance(binding, Binding) and binding.id and binding.id in KEYS_BY_ID:
             _, name, parameters = actions.parse(binding.action)
             found[name, parameters] = KEYS_BY_ID[binding.id].wants
+    _known[holder] = found
     return found
 
 
