@@ -13,29 +13,17 @@ HOME = {"x": 0.4, "y": 0.0, "z": 0.3, "twist": 0.0}
 BOUNDS = {"x": (0.2, 0.6), "y": (-0.4, 0.4), "z": (0.05, 0.5), "twist": (-3.0, 3.0)}
 
 
-def test_a_press_moves_one_axis_by_one_step() -> None:
-    jog = Jog(BOUNDS)
-    jog.press("x", +1, HOME)
-    assert jog.take() == pytest.approx({**HOME, "x": 0.41})
-
-
 def test_presses_during_a_movement_become_one_movement() -> None:
     jog = Jog(BOUNDS)
     jog.press("x", +1, HOME)
-    assert jog.take() is not None
+    assert jog.take() == pytest.approx({**HOME, "x": 0.41}), "one step of one axis"
     jog.press("x", +1, HOME)
     jog.press("y", -1, HOME)
     assert jog.take() is None, "one goes at a time"
     jog.arrived()
     assert jog.take() == pytest.approx({**HOME, "x": 0.42, "y": -0.01})
-
-
-def test_nothing_new_is_not_sent_again() -> None:
-    jog = Jog(BOUNDS)
-    jog.press("z", -1, HOME)
-    jog.take()
     jog.arrived()
-    assert jog.take() is None
+    assert jog.take() is None, "nothing new is not sent again"
 
 
 def test_steps_add_up_exactly_although_the_robot_yields() -> None:

@@ -79,9 +79,10 @@ def test_a_resume_settles_a_robot_that_hung_during_the_stop() -> None:
     store.begin_stop("", 1.0)
     store.end_stop([], {"pick": "in process 7, which hangs"}, 2.0)
     assert store.settle_stop() == [], "it may still move"
+    store.take_silent([Held(PICK.key, "process 7", "")], 2.0)
+    store.take_descriptions(list(store.descriptions.values()), 3.0)
+    assert store.settle_stop() == ["pick"], "it answers again"
     assert store.stop is not None
-    store.stop.wake("pick")
-    assert store.settle_stop() == ["pick"]
     assert not store.stop.open
 
 

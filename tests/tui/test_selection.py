@@ -26,9 +26,8 @@ def test_it_stays_on_its_robot_or_goes_to_a_neighbour(
         assert selection.refusal(1.0 + LOOK) == ""
 
 
-@given(before=NAMES.filter(bool), order=st.randoms(use_true_random=False))
-def test_sorting_and_refreshing_change_nothing(before: list[str], order: object) -> None:
-    del order
+@given(before=NAMES.filter(bool))
+def test_sorting_and_refreshing_change_nothing(before: list[str]) -> None:
     selection = Selection().choose(before[0])
     assert selection.among(before, sorted(before, reverse=True), 5.0) == selection
 

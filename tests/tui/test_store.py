@@ -145,13 +145,8 @@ def test_another_incarnation_is_a_newcomer(store: Store) -> None:
 @pytest.mark.parametrize(
     ("state", "status", "doing"),
     [
-        (State(abandoned=("defy",)), "abandoned", "ABANDONED: defy still runs"),
-        (State(), "free", "free"),
-        (State(busy="go_to"), "busy", "go_to"),
         (State(busy="go_to", waiting=2, readings={"progress": 0.4}), "busy", "go_to 40 % +2"),
         (State(busy="go_to", readings={"progress": float("nan")}), "busy", "go_to"),
-        (State(stopped=True, busy="go_to"), "stopped", "stopped"),
-        (State(online=False, stopped=True), "offline", "offline"),
         (State(bond=address("mover")), "enslaved", "under mover"),
     ],
 )
@@ -175,14 +170,46 @@ def test_silence_is_not_calm(store: Store) -> None:
 
 
 def test_what_an_operator_must_know_is_told_when_it_begins_and_when_it_ends(store: Store) -> None:
-    for state in (State(), State(stopped=True), State(stopped=True), State(), State(online=False), State()):
+    shut = State(stopped=True, stop_reason="its brakes are shut")
+    stop, away = State(stopped=True), State(online=False)
+    for state in (State(), stop, stop, State(), away, State(), shut):
         store.take_state("arm-1", state, 1.0)
     assert texts(store) == [
         "arm-1 is in protective stop",
         "arm-1 was resumed: its stop has ended",
         "arm-1 lost its controller: its readings are stale",
         "arm-1 has its controller back",
+        "arm-1 is in protective stop: its brakes are shut",
     ]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (
+            State(operator="me"),
+            State(operator="me", wanted_by="ben"),
+            "ben asks for control of arm-1: `control",
+        ),
+        (
+            State(wanted_by="me", operator="ben"),
+            State(operator="ben"),
+            "ben did not give you control of arm-1",
+        ),
+        (
+            State(operator="ben"),
+            State(operator="ben", offered_to="me"),
+            "ben offers you control of arm-1: `con",
+        ),
+    ],
+)
+def test_who_sits_here_is_told_of_control_what_concerns_nobody_else(
+    store: Store, before: State, after: State, told: str
+) -> None:
+    for store.me in ("eve", "me"):
+        for state in (before, after):
+            store.take_state("arm-1", state, 1.0)
+    assert [text[: len(told)] for text in texts(store)] == [told]
 
 
 def test_a_stop_is_told_once_though_the_robots_log_has_it_too(store: Store) -> None:

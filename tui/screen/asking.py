@@ -524,12 +524,7 @@ def _keep(app: OperatorApp, place: Place, robot: RobotDescription) -> None:
         return
     if point is not None:  # what nobody points at stays as it is: the height and the twist of the tool
         point = {name: readings[name] for name in COORDINATES if name in readings} | point
-
-    def keep(line: Line) -> None:
-        app.perform(line)
-        front.look_again()
-
-    app.ask(NameDialog(place.name, point, frame_of(robot)), keep)
+    app.ask(NameDialog(place.name, point, frame_of(robot)), app.perform)
 
 
 def _place(app: OperatorApp, _place: Place, robot: RobotDescription) -> None:

@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from robotree.tui.panels import frames, outside
+from robotree.tui.panels.inside import panel_class
 from robotree.tui.panels.judge import MEANT, PER_KEY, PanelJudge
 from robotree.tui.panels.outside import PanelProcess
 from robotree.vr.agents.agent import RobotAgent
@@ -166,17 +167,22 @@ async def test_a_panel_sees_the_cameras_that_its_page_may_see(shown: list[Shown]
     assert panel.looked[:2] == ("cell", "wrist")
 
 
-async def test_a_panel_asks_for_nothing_that_nobody_meant(shown: list[Shown]) -> None:
+async def test_a_panel_asks_for_nothing_that_nobody_meant_and_is_ended_when_it_does_not_read(
+    shown: list[Shown], monkeypatch: pytest.MonkeyPatch
+) -> None:
     source = GOOD.replace("self.query_one(Button).focus()", "self.action_wave()")
     shown.append(panel := Shown(source))
     await until(lambda: "no: a panel asks for wave" in panel.text)
     assert not panel.asked
+    monkeypatch.setattr(outside, "BACKLOG", -1)  # as if it had not read this much
+    panel.process.send(frames.PressKey("x", "x"))
+    await until(lambda: panel.ended == ["it does not read what it is told"])
 
 
-async def test_what_is_no_panel_says_why(shown: list[Shown]) -> None:
-    shown.append(panel := Shown("x = 1"))
-    await until(lambda: bool(panel.ended))
-    assert "it has 0 classes that derive from RobotPanel" in panel.ended[0]
+def test_what_is_no_panel_says_why() -> None:
+    begin = frames.BeginPanel("x = 1", "guide.panel.py", {}, GUIDE, 60, 12, dark=True)
+    with pytest.raises(VrError, match="it has 0 classes that derive from RobotPanel"):
+        panel_class(begin)
 
 
 def test_the_judge_of_a_panel() -> None:

@@ -16,14 +16,18 @@ from textual.events import Event
 from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widget import Widget
-from textual.widgets import Input
+from textual.widgets import Button, Input
 
 from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.screen import key_guard, keys_in_order
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.place import Place
 from robotree.tui.screen.user_app import UserApp
 from robotree.tui.screen.widgets import flash
+from robotree.tui.screen.widgets.command_form import CommandForm
+from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen import feeding
 from robotree.vr.agents import publisher, shared
 from tests.screen import at_rest, press, shows, text_of
@@ -116,6 +120,26 @@ class Operator:
         await self.settled()
         assert self.text
         return self.app.screen
+
+    async def panel(self, name: str = "arm-1") -> PanelPage:
+        """Open the panel of a robot that has said how it is; its first form is there."""
+        store = self.app.store
+        await self.until(lambda: name in store.descriptions and store.state(name) is not None, name)
+        await self.until(lambda: name != "arm-1" or "x" in store.readings(name), "its readings")
+        self.app.ask_for("panel", Place(name))
+        page = await self.at(PanelPage)
+        await self.until(lambda: bool(page.query(CommandForm)) and bool(page.query(Button)), "the form")
+        return page
+
+    async def select(self, name: str) -> RobotTable:
+        """Move the cursor of the list to a robot."""
+        await self.until(lambda: name in self.app.store.known | self.app.store.groups.keys(), name)
+        table = self.one(RobotTable)
+        await self.until(lambda: name in table.names, f"{name} listed")
+        await self.press("home")
+        while table.selected != name:
+            await self.press("down")
+        return table
 
     def one(self, kind: type[W], selector: str = "") -> W:
         return self.app.screen.query_one(selector, kind) if selector else self.app.screen.query_one(kind)

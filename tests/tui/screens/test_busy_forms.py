@@ -15,9 +15,7 @@ from robotree.tui.screen import key_guard
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage, SourceTree
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.command_form import CommandForm
-from robotree.tui.screen.widgets.field_row import FieldRow
 from tests.tui.screens.rows import row
 
 if TYPE_CHECKING:
@@ -66,11 +64,7 @@ async def go_to_form(
 ) -> AsyncIterator[tuple[Operator, PanelPage, CommandForm]]:
     """Open the panel of the arm; the cursor is in field x of go_to."""
     async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
-        operator.app.ask_for("panel", Place("arm-1"))
-        page = await operator.at(PanelPage)
-        await operator.until(lambda: bool(page.query(FieldRow)), "the form")
+        page = await operator.panel()
         form = page.query(CommandForm).first()
         row(form, "x").focus_entry()
         await operator.until(lambda: isinstance(operator.app.focused, Input), "the cursor")

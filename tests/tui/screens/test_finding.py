@@ -23,6 +23,8 @@ async def test_the_help_shows_only_what_is_searched_for_until_escape(realm: Real
         await operator.type("/palette")
         await operator.sees("Palette: everything by name")
         await operator.until(lambda: "stops every robot at once" not in operator.text, "the rest is left out")
+        await operator.type("x")
+        await operator.sees("nothing found")
         await operator.press("escape")
         await operator.sees("stops every robot at once")
         await operator.press("escape")

@@ -17,7 +17,7 @@ from robotree.vr.base.group import RobotGroup
 from robotree.vr.network.policy_file import PolicyFile
 
 if TYPE_CHECKING:
-    from screens.conftest import Operate, Operator
+    from screens.conftest import Operate
     from tui.conftest import Realm
 
 
@@ -59,20 +59,11 @@ async def carts(realm: Realm, tmp_path: Path) -> list[Cart]:
     return found
 
 
-async def at_group(operator: Operator) -> None:
-    await operator.until(lambda: "carts" in operator.app.store.groups, "the group")
-    table = operator.one(RobotTable)
-    await operator.until(lambda: "carts" in table.names, "carts listed")
-    await operator.press("home")
-    while table.selected != "carts":
-        await operator.press("down")
-
-
 async def test_a_group_is_a_line_of_the_list_and_each_member_answers(
     realm: Realm, carts: list[Cart], operate: Operate
 ) -> None:
     async with operate(realm.realm_client) as operator:
-        await at_group(operator)
+        await operator.select("carts")
         await operator.sees("carts", "group of 2", "2 free", "c1, c2")
         await operator.press("enter")
         await operator.until(lambda: isinstance(operator.app.screen, GroupPanel), "its panel")
@@ -97,7 +88,7 @@ async def test_what_concerns_one_robot_is_refused_for_a_group_and_its_name_can_g
     realm: Realm, carts: list[Cart], operate: Operate
 ) -> None:
     async with operate(realm.realm_client) as operator:
-        await at_group(operator)
+        await operator.select("carts")
         await operator.press("r")
         await operator.sees("carts is a group: select one of its members")
         await operator.obey("pause carts")

@@ -15,10 +15,7 @@ from textual.widgets import Button, Input
 from robotree.tui.screen import keys_in_order
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage
-from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.place import Place
-from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.robot_table import RobotTable
@@ -46,11 +43,7 @@ def page_of(operator: Operator) -> MainPage:
 async def at_x(realm: Realm, operate: Operate) -> AsyncIterator[tuple[Operator, PanelPage]]:
     """Open the panel of the arm; the cursor is in field x of go_to."""
     async with operate(realm.realm_client) as operator:
-        await listed(operator)
-        await operator.until(lambda: operator.app.store.state("arm-1") is not None, "its state")
-        operator.app.ask_for("panel", Place("arm-1"))
-        page = await operator.at(PanelPage)
-        await operator.until(lambda: bool(page.query(FieldRow)), "the form")
+        page = await operator.panel()
         page.query(FieldRow).first().focus_entry()
         await operator.until(lambda: isinstance(operator.app.focused, Input), "the cursor")
         yield operator, page
@@ -77,22 +70,6 @@ async def test_a_field_holds_what_was_typed(
     async with at_x(realm, operate) as (operator, page):
         operator.burst(keys)  # hundreds, for which a busy machine may take a while
         await operator.until(lambda: texts(page)[: len(fields)] == fields, str(fields), within=60.0)
-
-
-async def test_what_is_run_is_what_was_typed_before(realm: Realm, operate: Operate) -> None:
-    async with at_x(realm, operate) as (operator, _page):
-        operator.burst(f"{CTRL_U}0.3{BACKSPACE}4{TAB}{CTRL_U}0.1{CTRL_R}")
-        await operator.sees("done in")
-        assert realm.arm.pose == {"x": 0.4, "y": 0.1, "z": 0.4, "twist": 0.0}
-
-
-async def test_a_choice_is_made_by_the_keys_of_its_list(realm: Realm, operate: Operate) -> None:
-    async with at_x(realm, operate) as (operator, page):
-        page.query_one("#commands").focus()
-        await operator.until(lambda: page.query_one("#commands").has_focus, "the list")
-        operator.burst(f"{DOWN}{DOWN}{ENTER}{ENTER}{DOWN}{DOWN}{ENTER}{TAB}{CTRL_U}0.03{BACKSPACE}5")
-        await operator.until(lambda: "0.05" in texts(page), "the width")
-        assert page.query(Choice).first().chosen == "close"
 
 
 async def test_a_click_does_not_come_before_the_last_digit(realm: Realm, operate: Operate) -> None:
@@ -149,14 +126,6 @@ async def test_a_dialog_is_answered_by_the_keys_that_came_after_its_own(
         operator.burst(f"q{TOP}{DOWN}d{RIGHT}{ENTER}/m{BACKSPACE}r")
         await operator.until(lambda: "mover" not in operator.app.store.robots, "it is deleted")
         await operator.until(lambda: operator.one(Prompt).letters == "r", "the filter")
-
-
-async def test_a_page_that_opens_gets_the_keys_that_follow(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await listed(operator)
-        operator.burst(f"n{TAB}{TAB}mov{BACKSPACE}w-1")
-        page = await operator.at(NewPage)
-        await operator.until(lambda: page.query_one("#name", Input).value == "mow-1", "the name")
 
 
 async def test_the_stop_overtakes_every_key(realm: Realm, operate: Operate) -> None:

@@ -17,13 +17,10 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage
-from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.source_outline import outline
 from robotree.tui.screen.widgets.cameras import Cameras
 from robotree.tui.screen.widgets.choice import Choice
-from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.views_pane import ViewsPane
@@ -32,7 +29,7 @@ from robotree.vr.base.description import FieldSpec, Listing
 from robotree.vr.base.requests import ViewDescribed
 
 if TYPE_CHECKING:
-    from screens.conftest import Operate, Operator
+    from screens.conftest import Operate
     from tui.conftest import Realm
 
 SOURCE = '''
@@ -47,18 +44,9 @@ class {name}(VirtualRobot):
 '''
 
 
-async def panel(operator: Operator) -> PanelPage:
-    await operator.until(lambda: "x" in operator.app.store.readings("arm-1"), "its readings")
-    await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
-    operator.app.ask_for("panel", Place("arm-1"))
-    page = await operator.at(PanelPage)
-    await operator.until(lambda: bool(page.query(CommandForm)), "the form")
-    return page
-
-
 async def test_a_command_that_was_just_chosen_is_the_one_that_runs(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
-        page = await panel(operator)
+        page = await operator.panel()
         names = [command.name for command in page.robot.commands]
         page.query_one("#commands", OptionList).highlighted = names.index("hold")
         page.action_run()
@@ -136,7 +124,7 @@ async def test_a_line_that_is_sent_twice_is_carried_out_once(realm: Realm, opera
 
 async def test_a_cancel_ends_also_the_steps_that_are_still_to_be_sent(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
-        await panel(operator)
+        await operator.panel()
         operator.app.open_teleoperation(operator.app.store.descriptions["arm-1"])
         page = await operator.at(TeleopPage)
         page.action_jog("x", 1)

@@ -57,7 +57,8 @@ async def test_parts_sizes_and_filters_are_so_after_a_restart(
         high = operator.app.screen.query_one("#below").region.height
         await operator.press("plus")
         await operator.settled()
-        assert operator.app.screen.query_one("#below").region.height > high
+        high, before = operator.app.screen.query_one("#below").region.height, high
+        assert high > before
         broad = places(operator)["#picture-box"].width
         await operator.press("right_parenthesis")
         await operator.settled()
@@ -78,6 +79,7 @@ async def test_parts_sizes_and_filters_are_so_after_a_restart(
         await operator.press("l")
         await operator.sees("in parts by kind", "Rover: 1 robot")
         assert places(operator)["#picture-box"].width == broad
+        assert places(operator)["#below"].height == high
         await operator.obey("view night")
         await operator.sees("night /~am1", "1 of 2")
         await operator.press("N")

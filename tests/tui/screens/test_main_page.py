@@ -23,22 +23,11 @@ from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.principal import principal_of, this_process, user_name
 
 if TYPE_CHECKING:
-    from screens.conftest import Operate, Operator
+    from screens.conftest import Operate
     from tui.conftest import Realm
 
 ME = principal_of(this_process(), "", "pts/1").person
 """Who asks in these tests."""
-
-
-async def at(operator: Operator, name: str) -> RobotTable:
-    """Move the cursor to a robot."""
-    await operator.until(lambda: name in operator.app.store.descriptions, f"{name} described")
-    table = operator.one(RobotTable)
-    await operator.until(lambda: name in table.names, f"{name} listed")
-    await operator.press("home")
-    while table.selected != name:
-        await operator.press("down")
-    return table
 
 
 async def test_a_robot_that_the_policy_denies_is_grey_and_says_why(
@@ -69,7 +58,7 @@ async def test_a_cursor_key_draws_two_lines_before_anything_else(
     for number in range(9):
         await realm.robot(Robot(f"z{number}"))
     async with operate(realm.realm_client) as operator:
-        table = await at(operator, "z3")
+        table = await operator.select("z3")
         await operator.settled()
         drawn, draw = set[int](), table.render_line
         monkeypatch.setattr(table, "render_line", lambda y: (drawn.add(y), draw(y))[1])

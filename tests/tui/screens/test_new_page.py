@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import pytest
 from textual.widgets import Button, Input
 
+from robotree.tui.line.grammar import Line
 from robotree.tui.screen.pages.main import MainPage
-from robotree.tui.screen.pages.new import NewPage, SourceTree
+from robotree.tui.screen.pages.new import OWN_HOST, NewPage, SourceTree
 from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.field_row import FieldRow
 
@@ -129,7 +130,9 @@ async def test_a_file_that_raises_when_it_is_loaded_keeps_the_page_and_says_why(
         assert set(operator.app.store.robots) == {"arm-1", "rover-1"}
 
 
-async def test_a_name_is_judged_while_it_is_typed(realm: Realm, operate: Operate) -> None:
+async def test_a_name_is_judged_while_it_is_typed_and_a_process_of_its_own_is_asked_for(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async with operate(realm.realm_client) as operator:
         page = await pick(operator, "good.py")
         entry = page.query_one("#name", Input)
@@ -147,6 +150,17 @@ async def test_a_name_is_judged_while_it_is_typed(realm: Realm, operate: Operate
         page.query_one("#class", Choice).value = "Painter"
         await operator.sees("Paints")
         assert entry.value == "right", "a name that was typed stays when another class is chosen"
+        lines = list[Line]()
+
+        async def attempt(line: Line) -> str:
+            lines.append(line)
+            return "not now"
+
+        monkeypatch.setattr(operator.app, "attempt", attempt)
+        page.query_one("#host", Choice).value = OWN_HOST
+        page.query_one("#create", Button).press()
+        await operator.sees("✗ not now")
+        assert lines[0].flag("--own-host")
 
 
 async def test_the_settings_of_a_page_are_fields_and_those_that_were_edited_are_given(

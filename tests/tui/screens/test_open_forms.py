@@ -15,10 +15,7 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.command_form import CommandForm
-from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.picture import PictureView
 from tests.tui.screens.rows import row
 
@@ -33,13 +30,8 @@ async def at_go_to(
 ) -> AsyncIterator[tuple[Operator, PanelPage]]:
     """Open the panel of the arm at its first form, go_to."""
     async with operate(realm.realm_client, size=size) as operator:
-        await operator.until(lambda: operator.app.store.state(robot) is not None, "its state")
-        await operator.until(lambda: robot in operator.app.store.descriptions, "its description")
         await operator.until(lambda: "x" in operator.app.store.readings(robot), "its readings")
-        operator.app.ask_for("panel", Place(robot))
-        page = await operator.at(PanelPage)
-        await operator.until(lambda: bool(page.query(CommandForm)), "the form")
-        yield operator, page
+        yield operator, await operator.panel(robot)
 
 
 async def test_fields_that_nobody_touched_follow_the_robot_and_touched_ones_are_marked(
@@ -75,22 +67,6 @@ async def test_what_was_typed_stays_also_when_readings_come_before_its_message(
         assert (x.touched, y.touched) == (True, False)
 
 
-async def test_after_tele_operation_a_form_that_is_sent_as_it_stands_moves_nothing(
-    realm: Realm, operate: Operate
-) -> None:
-    async with at_go_to(realm, operate) as (operator, page):
-        await operator.press("x")
-        await operator.at(TeleopPage)
-        await operator.press("up", "up")
-        await operator.until(lambda: realm.arm.pose["x"] == pytest.approx(0.37), "it is jogged")
-        await operator.press("escape")
-        assert await operator.at(PanelPage) is page
-        await operator.until(lambda: row(page, "x").text == "0.37", "the field is there, too")
-        await operator.press("ctrl+r")
-        await operator.sees("done in")
-        assert realm.arm.pose["x"] == pytest.approx(0.37)
-
-
 async def test_the_form_is_a_line_for_a_shell_that_can_be_copied(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,7 +95,7 @@ async def test_branch_and_picture_come_with_the_first_command_and_stay(
         await operator.press("home", *["down"] * commands.index("go_to"), "ctrl+r")
         await operator.sees("teleop  ◐ go_to", "└ arm: arm-1  ◐ go_to", "cell / cell", "▀▀▀")
         assert "--%" not in operator.text
-        await operator.sees("  2 s")  # how long it has run is told also where nobody says how far it is
+        await operator.sees("  1 s")  # how long it has run is told also where nobody says how far it is
         realm.arm.under_way = False
         await operator.sees("done in", "└ arm: arm-1", "cell / cell", "▀▀▀")
         assert any(one.seen for one in page.query(PictureView))
@@ -131,9 +107,7 @@ async def test_one_escape_leaves_the_panel_from_anywhere_and_what_runs_goes_on(
     async with at_go_to(realm, operate) as (operator, _page):
         await operator.press("enter", "enter", "enter", "escape")
         await operator.at(MainPage)
-        operator.app.ask_for("panel", Place("arm-1"))
-        page = await operator.at(PanelPage)
-        await operator.until(lambda: bool(page.query(FieldRow)), "the form")
+        page = await operator.panel()
         realm.arm.under_way = True
         await operator.press("enter", "ctrl+r")
         await operator.until(lambda: page.query(CommandForm).first().running, "it runs")

@@ -8,8 +8,6 @@ from textual.widgets._footer import FooterKey
 
 from robotree.tui.screen.keymap import Keymap, read
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
-from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.key_line import KeyLine
 
 if TYPE_CHECKING:
@@ -42,8 +40,7 @@ async def test_the_keys_of_k9s_and_others_that_a_person_has_chosen(realm: Realm,
         await operator.at(Confirm)
         await operator.press("right", "enter")
         await operator.until(lambda: operator.app.store.stopped == (), "they are resumed")
-        operator.app.ask_for("panel", Place("arm-1"))
-        await operator.at(PanelPage)
+        await operator.panel()
         await operator.sees("f5 Run")
         await operator.press(*["down"] * 3, "enter")
         await operator.sees("f5 runs it, or the button")
@@ -57,19 +54,14 @@ async def test_a_changed_key_stays_at_its_place_in_the_footer(realm: Realm, oper
     async def footer(keymap: Keymap) -> list[str]:
         async with operate(realm.realm_client, keymap=keymap) as operator:
             await operator.sees("Help", "Filter")
-            return [key.description for key in operator.one(KeyLine).query(FooterKey)]
+            line = operator.one(KeyLine)
+            before = list(line.children)
+            with line._context():
+                await line.recompose()
+            assert list(line.children) == before, "a line whose keys stay the same is not built anew"
+            return [key.description for key in line.query(FooterKey)]
 
     changed = read('[keys]\ncreate = "f2"\nfilter = "f3"\nhelp = "f4"', "keys.toml")
     usual = await footer(Keymap())
     assert {"New", "Filter", "Help"} <= {*usual}
     assert await footer(changed) == usual
-
-
-async def test_a_footer_whose_keys_stay_the_same_is_not_built_anew(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("Help", "Filter")
-        line = operator.one(KeyLine)
-        before = list(line.children)
-        with line._context():
-            await line.recompose()
-        assert list(line.children) == before

@@ -20,7 +20,6 @@ from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.field_row import FieldRow
 from robotree.tui.screen.widgets.laid_out import LaidOut, curve
 from robotree.tui.screen.widgets.program_panel import ProgramPanel
-from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import Robot, command
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.policy import PolicyGate
@@ -37,11 +36,7 @@ if TYPE_CHECKING:
 
 async def open_panel(operator: Operator, name: str) -> PanelPage:
     await operator.until(lambda: name in operator.app.store.descriptions, name)
-    table = operator.one(RobotTable)
-    await operator.until(lambda: name in table.names, "the list")
-    await operator.press("home")
-    while table.selected != name:
-        await operator.press("down")
+    await operator.select(name)
     await operator.until(lambda: operator.app.store.state(name) is not None, "its state")
     await operator.press("enter")
     return await operator.at(PanelPage)
@@ -242,10 +237,7 @@ async def test_settings_are_changed_in_the_form_that_the_key_opens(
     await realm.realm_client.create(str(tmp_path / "team.py"), "team")
     async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "team" in operator.app.store.descriptions, "team")
-        table = operator.one(RobotTable)
-        await operator.until(lambda: "team" in table.names, "the list")
-        while table.selected != "team":
-            await operator.press("down")
+        await operator.select("team")
         await operator.press("s")
         page = await operator.at(PanelPage)
         await operator.until(lambda: any(one.display for one in page.query(CommandForm)), "the form")

@@ -23,7 +23,6 @@ from robotree.tui.screen.pages.help import help_text, page_rows
 from robotree.tui.screen.pages.main import PANES, MainPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.place import Place
 
 if TYPE_CHECKING:
     from screens.conftest import Operate
@@ -122,10 +121,7 @@ async def test_the_programs_keys_work_beside_a_button_and_are_letters_in_a_field
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
-        operator.app.ask_for("panel", Place("arm-1"))
-        page = await operator.at(PanelPage)
-        await operator.until(lambda: bool(page.query(Input)), "the form")
+        page = await operator.panel()
         field = page.query(Input).first()
         field.focus()
         await operator.press("ctrl+u", "R", "question_mark", "space")

@@ -6,16 +6,14 @@ import re
 from typing import TYPE_CHECKING
 
 import pytest
-from textual.widgets import Input
 
 from robotree.tui.screen.keymap import read
-from robotree.tui.screen.pages.dialogs import Confirm, Reading
+from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen.status import STATUSES
-from robotree.vr.base.errors import VrError
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
@@ -148,35 +146,23 @@ async def test_the_last_picture_of_a_view_that_leaves_is_kept_until_it_is_back(
         await operator.until(lambda: "not listed" not in operator.text, "it is listed again")
 
 
-@pytest.mark.parametrize("silent", [False, True])
-async def test_the_last_picture_of_a_view_is_kept_with_its_age(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch, *, silent: bool
+async def test_the_last_picture_of_a_view_that_is_silent_is_kept_with_its_age(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    works = realm.cell.look
     async with operate(realm.realm_client, size=(120, 40)) as operator:
         await known(operator, "arm-1")
         operator.app.choose("arm-1")
         picture = operator.one(PictureView, "#picture-box PictureView")
         await operator.until(lambda: picture.frames > 0, "a picture")
         assert " old" not in operator.text, "a live one has no age"
-        if silent:
-            realm.network.freeze(realm.members["cell"])
-        else:
-            monkeypatch.setattr(realm.cell, "look", _broken)
+        realm.network.freeze(realm.members["cell"])
         before = operator.app.now
         monkeypatch.setattr(operator.app, "now", lambda: before() + 20.0)
-        why = "its view does not answer" if silent else "VrError: the lens broke"
-        await operator.until(lambda: bool(re.search(rf"[23]\d s old: {why}", operator.text)), "its age")
+        old = re.compile(r"[23]\d s old: its view does not answer")
+        await operator.until(lambda: bool(old.search(operator.text)), "its age")
         await operator.sees("▀▀▀")
-        if silent:
-            realm.network.thaw(realm.members["cell"])
-        else:
-            monkeypatch.setattr(realm.cell, "look", works)
+        realm.network.thaw(realm.members["cell"])
         await operator.until(lambda: "s old: " not in operator.text, "it is live again")
-
-
-async def _broken(*_: object) -> bytes:
-    raise VrError(detail="the lens broke")
 
 
 async def test_a_lost_child_that_is_back_is_offered_to_be_bound_again(realm: Realm, operate: Operate) -> None:
@@ -232,17 +218,6 @@ async def test_the_log_has_a_level_and_a_filter_of_its_own(realm: Realm, operate
         await operator.sees("hold by", "log  /!stone")
         await operator.press("l")
         await operator.until(lambda: "/!stone" not in operator.text, "the robots have a filter of their own")
-
-
-async def test_a_search_that_finds_nothing_says_so(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        operator.app.push_screen(Reading("a text", "arm\nrover"))
-        page = await operator.at(Reading)
-        page.action_search()
-        operator.one(Input).value = "boat"
-        await operator.sees("nothing found")
-        operator.one(Input).value = "rov"
-        await operator.until(lambda: "nothing found" not in operator.text, "what was found")
 
 
 async def test_every_status_has_a_sign() -> None:

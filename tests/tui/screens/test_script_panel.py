@@ -13,7 +13,6 @@ from robotree.tui.screen.pages import panel as panels
 from robotree.tui.screen.pages.dialogs import Choosing
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr import command
 from robotree.vr.scripts.roles import RolePlayer
 
@@ -87,11 +86,7 @@ async def test_the_panel_of_a_script_opens_at_its_start_and_shows_its_facts_and_
 
 async def choose_role(operator: Operator, name: str) -> Choosing:
     """Press the key of roles on a robot."""
-    table = operator.one(RobotTable)
-    await operator.until(lambda: name in table.names, name)
-    await operator.press("home")
-    while table.selected != name:
-        await operator.press("down")
+    await operator.select(name)
     await operator.until(lambda: name in operator.app.store.descriptions, "its description")
     await operator.press("p")
     return await operator.at(Choosing)
@@ -133,10 +128,6 @@ async def test_the_role_of_a_led_robot_is_changed_through_its_script(
 
 async def test_a_robot_without_roles_says_so(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
-        table = operator.one(RobotTable)
-        await operator.until(lambda: "arm-1" in table.names, "arm-1")
-        await operator.press("home")
-        while table.selected != "arm-1":
-            await operator.press("down")
+        await operator.select("arm-1")
         await operator.press("p")
         await operator.sees("arm-1 plays no roles")

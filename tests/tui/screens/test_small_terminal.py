@@ -37,14 +37,6 @@ def test_what_has_no_room_in_the_line_of_keys_is_left_out_whole_but_for_help() -
     assert fitting([5, 5], 9, None) == [0]
 
 
-async def test_an_alarm_leaves_the_word_for_how_the_robot_is(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client, size=SMALL) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
-        alarm = Alarm(robot="arm-1", reading="shoulder", sign=">", limit=10.0, unit="N", raised=1.0)
-        operator.app.store.take_alarms([alarm], operator.app.now(), "")
-        await operator.sees("● free ▲ ")
-
-
 async def test_another_size_is_drawn_at_once_and_not_with_the_next_tick(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,11 +65,11 @@ async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client, size=SMALL) as operator:
-        store = operator.app.store
-        await operator.until(lambda: "arm-1" in store.descriptions, "its description")
-        await operator.until(lambda: store.state("arm-1") is not None, "its state")
-        operator.app.ask_for("panel", Place("arm-1"))
-        page = await operator.at(PanelPage)
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
+        alarm = Alarm(robot="arm-1", reading="shoulder", sign=">", limit=10.0, unit="N", raised=1.0)
+        operator.app.store.take_alarms([alarm], operator.app.now(), "")
+        await operator.sees("● free ▲ ")  # an alarm leaves the word for how the robot is
+        page = await operator.panel()
         await operator.press("enter")
         await operator.until(lambda: isinstance(operator.app.focused, Input), "the cursor")
         await operator.sees("arm-1", "space STOP", "x           0.35", "-0.8 …")
@@ -115,27 +107,22 @@ async def test_tele_operation_tells_what_it_does_however_many_readings_there_are
         await operator.sees("joint-1 ", "● at rest; press a key to move")
 
 
-async def test_an_error_is_told_to_its_end_where_one_line_is_too_short(
+async def test_another_page_shows_what_happened_last_and_how_much_more(
     realm: Realm, operate: Operate
 ) -> None:
+    long = f"the stop is confirmed by {', '.join(['arm-1'] * 12)} but NOT by rover-1"
     async with operate(realm.realm_client, size=(80, 24)) as operator:
-        operator.app.tell(f"the stop is confirmed by {', '.join(['arm-1'] * 12)} but NOT by rover-1", "error")
+        operator.app.tell(long, "error")  # one line is too short: it is told to its end
         await operator.sees("the stop is confirmed by", "NOT by rover-1", "? Help")
         operator.app.tell("calm again", "good")
         await operator.sees("✓ calm again", "✗ the stop is")
         await operator.until(lambda: "NOT by" not in operator.text, "one line is enough for what is older")
-
-
-async def test_another_page_shows_what_happened_last_and_how_much_more(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client, size=(80, 24)) as operator:
         await operator.press("n")
         await operator.at(NewPage)
         for number in range(4):
             operator.app.tell(f"event {number} {'very long ' * number * 5}")
-        await operator.sees("· event 3", "…  +3 · g", "? Help")
-        operator.app.tell(f"the stop is confirmed by {', '.join(['arm-1'] * 12)} but NOT by rover-1", "error")
+        await operator.sees("· event 3", "…  +5 · g", "? Help")
+        operator.app.tell(long, "error")
         await operator.sees("NOT by rover-1")
         operator.app.tell("calm again", "good")
         await operator.until(lambda: operator.one(FlashLine).size.height == 1, "one line is enough again")
@@ -152,21 +139,16 @@ async def test_how_to_resume_and_which_page_is_in_front_are_read_in_40_columns(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client, size=(40, 20)) as operator:
-        await operator.sees("realm test  robots")
-        await operator.press("space")
-        await operator.sees("PROTECTIVE STOP", "R resumes")
-        operator.app.ask_for("panel", Place("arm-1"))
-        await operator.sees("arm-1 / panel")
-
-
-async def test_a_state_beside_a_scrollbar_is_cut_with_a_sign(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client, size=(40, 20)) as operator:
-        await operator.sees("arm-1")
+        await operator.sees("realm test  robots", "arm-1")
         for name in ("mover", "mover-2", "mover-3"):  # the list has room for four robots
             await realm.create("move_to.py", name)
         table = operator.one(RobotTable)
         await operator.until(lambda: "mover" in table.names and table.show_vertical_scrollbar, "a scrollbar")
         await operator.until(lambda: table.room == table.scrollable_content_region.width, "its columns")
+        await operator.press("space")
+        await operator.sees("PROTECTIVE STOP", "R resumes")
+        operator.app.ask_for("panel", Place("arm-1"))
+        await operator.sees("arm-1 / panel")
 
 
 async def test_a_question_about_a_slot_has_slots_robots_and_answers_in_sight(

@@ -84,9 +84,15 @@ def files_with(words: bytes, folder: Path) -> list[Path]:
 
 
 @pytest.fixture
-async def port(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Port]:
-    """The place, with a program that loads nothing behind each tab: the real one takes long."""
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have a program that loads nothing behind each tab: the real one takes long."""
     monkeypatch.setattr(session, "PROGRAM", ("-IS", str(Path(__file__).with_name("behind_a_tab.py"))))
+
+
+@pytest.fixture
+async def port(quick: None) -> AsyncIterator[Port]:
+    """The place, with that program."""
+    del quick
     async with opened() as place:
         yield place
 
@@ -156,20 +162,21 @@ async def test_who_knows_another_name_comes_from_elsewhere_or_has_no_token_gets_
     assert len(port.screens) == 1, "that one waits; nothing was begun for them"
 
 
-async def test_fifty_who_say_nothing_hinder_nobody_and_are_put_out(port: Port) -> None:
-    silent = [await asyncio.open_connection("127.0.0.1", port.number) for _ in range(25)]
-    mute = [
-        await connect(f"ws://127.0.0.1:{port.number}/screen", origin=Origin(port.origin)) for _ in range(25)
-    ]  # type: ignore[arg-type]
-    async with port.connect() as socket:
-        await port.hello(socket)
-        await drawn(socket, TOP)
-    for reader, writer in silent:
-        async with asyncio.timeout(60):
-            await reader.read()
-        writer.close()
-    for one in mute:
-        assert (await ended(one))[0] == 4401
+@pytest.mark.usefixtures("quick")
+async def test_fifty_who_say_nothing_hinder_nobody_and_are_put_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(place_for_browsers, "HELLO", 2.0)
+    async with opened() as port:
+        where = f"ws://127.0.0.1:{port.number}/screen"
+        silent = [await asyncio.open_connection("127.0.0.1", port.number) for _ in range(25)]
+        mute = [await connect(where, origin=Origin(port.origin)) for _ in range(25)]
+        async with port.connect() as socket:
+            await port.hello(socket)
+            await drawn(socket, TOP)
+        for reader, writer in silent:
+            async with asyncio.timeout(60):
+                await reader.read()
+            writer.close()
+        assert {(await ended(one))[0] for one in mute} == {4401}
 
 
 async def test_a_huge_message_ends_its_tab_and_no_other(port: Port) -> None:
@@ -203,17 +210,22 @@ async def test_two_tabs_are_two_screens_and_each_ends_alone(real_port: Port) -> 
     await until(lambda: len(real_port.screens) <= 1)
 
 
-async def test_as_many_tabs_as_were_allowed_and_one_more_is_told(port: Port) -> None:
+async def test_one_tab_more_than_allowed_is_told_and_when_all_have_ended_a_screen_waits(
+    port: Port,
+) -> None:
     async with contextlib.AsyncExitStack() as tabs:
         for _ in range(3):
             socket = await tabs.enter_async_context(port.connect())
             await port.hello(socket)
-        await until(lambda: port.reception.tabs == 3)
+            await drawn(socket, TOP)
+        assert port.reception.tabs == 3
         async with port.connect() as one_more:
             await port.hello(one_more)
             code, sentence = await ended(one_more)
             assert code == 4429
             assert "3 tabs are open" in sentence
+    await until(lambda: port.reception.tabs == 0)
+    await until(lambda: len(port.screens) == 1, "a screen waits again")
 
 
 @pytest.mark.parametrize("how", ["frozen", "cut"])
@@ -278,16 +290,6 @@ async def test_a_flood_of_keys_takes_no_memory_and_keys_work_after_it(real_port:
         asking.cancel()
         assert memory_of(pid) < before + 100_000_000, "2 kB for each would be 200 MB"
     await until(lambda: not living(pid))
-
-
-async def test_when_all_tabs_have_ended_a_screen_waits_again(port: Port) -> None:
-    async with contextlib.AsyncExitStack() as tabs:
-        for _ in range(3):
-            socket = await tabs.enter_async_context(port.connect())
-            await port.hello(socket)
-            await drawn(socket, TOP)
-    await until(lambda: port.reception.tabs == 0)
-    await until(lambda: len(port.screens) == 1, "the spare one")
 
 
 async def test_cut_tabs_and_strangers_do_not_fill_the_log(

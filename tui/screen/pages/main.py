@@ -230,10 +230,6 @@ class MainPage(Page):
         self.show_pane("views")
         self.query_one(ViewsPane).bare()
 
-    def look_again(self) -> None:
-        """Look for other named places at the next drawing."""
-        self.query_one(PlanPane).look_again()
-
     def show_pane(self, name: str) -> None:
         """Bring a pane to the front."""
         self.query_one("#panes", ContentSwitcher).current = _pane_id(name)

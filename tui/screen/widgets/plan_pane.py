@@ -25,7 +25,7 @@ REST = 0.25
 """[s] that the cursor rests before the robot is asked for its way."""
 AGAIN = 2.0
 """[s] before the robot is asked again: a stop, or somebody else, may have come or gone."""
-LOOK = 2.0
+LOOK = 1.0
 """[s] between two looks for other named places."""
 
 
@@ -88,10 +88,6 @@ class PlanPane(Part, Horizontal):
         if time.monotonic() - self._looked > LOOK:
             self._looked = time.monotonic()
             self._places = dict(places_beside(self.app.realm_client.gate).all())
-
-    def look_again(self) -> None:
-        """Look for other named places at the next drawing."""
-        self._looked = float("-inf")
 
     def _draw_side(self, now: float, selected: str, places: list[NamedPlace]) -> None:
         store, muted = self.app.store, tint(self.app, "muted")
