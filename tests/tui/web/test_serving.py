@@ -59,6 +59,11 @@ class Port:
     async def hello(self, socket: ClientConnection, **more: object) -> None:
         await socket.send(json.dumps({"token": TOKEN, "size": [80, 24], **more}))
 
+    async def waiting(self) -> int:
+        """Return the process of the only screen, which waits for a tab."""
+        await until(lambda: len(self.screens) == 1, "the spare screen")
+        return self.screens[0]
+
     @property
     def screens(self) -> list[int]:
         """Processes of screens that run."""
@@ -225,7 +230,7 @@ async def test_one_tab_more_than_allowed_is_told_and_when_all_have_ended_a_scree
             assert code == 4429
             assert "3 tabs are open" in sentence
     await until(lambda: port.reception.tabs == 0)
-    await until(lambda: len(port.screens) == 1, "a screen waits again")
+    assert await port.waiting(), "a screen waits again"
 
 
 @pytest.mark.parametrize("how", ["frozen", "cut"])
@@ -253,7 +258,7 @@ async def test_a_tab_whose_keys_nobody_takes_ends_when_it_is_cut_or_sends_too_ma
     port: Port, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
     monkeypatch.setattr(session, "SILENCE", 600.0)  # only the end of the socket counts
-    (pid,) = port.screens
+    pid = await port.waiting()
     async with port.connect() as socket:
         await port.hello(socket)
         await drawn(socket, TOP)
@@ -272,7 +277,7 @@ async def test_a_tab_whose_keys_nobody_takes_ends_when_it_is_cut_or_sends_too_ma
 
 
 async def test_a_flood_of_keys_takes_no_memory_and_keys_work_after_it(real_port: Port) -> None:
-    (pid,) = real_port.screens
+    pid = await real_port.waiting()
     async with real_port.connect() as socket:
         await real_port.hello(socket)
         await drawn(socket, TOP)
