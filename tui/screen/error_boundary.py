@@ -9,22 +9,27 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import TYPE_CHECKING, cast
+from typing import Protocol, cast
 
 from textual.message import Message
 from textual.message_pump import MessagePump
 
-if TYPE_CHECKING:
-    from robotree.tui.screen.operator_app import OperatorApp
-
 log = logging.getLogger(__name__)
+
+
+class Reports(Protocol):
+    """An app that shows errors of its own program."""
+
+    def report_error(self, error: Exception) -> None:
+        """Go on after an error, and show it."""
+        ...
 
 
 class ErrorBoundary(MessagePump):
     """Mixed into the app, its screens and its widgets, before their Textual class."""
 
     def _report(self, error: Exception) -> None:
-        cast("OperatorApp", self.app).report_error(error)  # pyright: ignore[reportUnknownMemberType] # Textual leaves open which app it is
+        cast("Reports", self.app).report_error(error)  # pyright: ignore[reportUnknownMemberType] # Textual leaves open which app it is
 
     def guarded(self, draw: Callable[[], None]) -> Callable[[], None]:
         """Return a timer's callback that reports its errors: timers do not come as messages."""
