@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import hypothesis.strategies as st
 import msgspec
@@ -53,8 +53,8 @@ from robotree.vr.core.events import (
 from robotree.vr.core.machine import LONGEST_QUEUE, Calls, RobotCore, RobotState, encode_state
 from robotree.vr.core.placement import Placing
 from robotree.vr.core.stop import HARDWARE, Stop
+from tests.machines.checkpoint import decoded
 
-S = TypeVar("S", bound=msgspec.Struct)
 UNIX = 1_000_000.0
 PARENTS = [Address("robot", name, "1") for name in ("lever", "mover")]
 TERM = 5.0
@@ -66,11 +66,6 @@ STRANGER = Principal(user="anna", process=8, agent="robot/lever/1")
 
 EYE = SlotSpec(name="eye", kind="Tool", watch=True)
 """A slot that takes nobody's lease."""
-
-
-def decoded(state: S) -> S:
-    """Return a state after it was written as MessagePack and read again: what goes on from it is the same."""
-    return msgspec.msgpack.decode(msgspec.msgpack.encode(state), type=type(state))
 
 
 def new_core() -> RobotCore:
