@@ -539,17 +539,17 @@ class RobotApart:
         if self._writer is not None:
             self._writer.close()
             self._writer = None
+        opened, self._open = self._open, {}  # who hears of its end may ask something at once
         self._judge.resumes.clear()
-        for incoming in self._open.values():
+        for incoming in opened.values():
             self._end_without(incoming)
-        self._open = {}
         for control in self._controls.values():
             if not control.done():
                 control.set_exception(Unreachable(key=self.name))
         self._controls.clear()
-        for registration in self._subscriptions.values():
+        subscriptions, self._subscriptions = self._subscriptions, {}
+        for registration in subscriptions.values():
             self._keep(registration.close())
-        self._subscriptions = {}
 
     async def _finish(self) -> None:
         for registration in (self._present, self._served):
