@@ -298,9 +298,23 @@ ToRobot = (
     BeginFrame | Arrive | Come | Replied | Sampled | Present | Silent | Rules | Did | Control | Place | Leave
 )
 FromRobot = (
-    Loaded | Serve | Announce | Withdraw | Settle | Ask | Publish | Subscribe | Unsubscribe | ReplyBack
-    | EndBack | Answered | Up | FailedFrame | Alive | GoneFrame
-)  # fmt: skip
+    Loaded
+    | Serve
+    | Announce
+    | Withdraw
+    | Settle
+    | Ask
+    | Publish
+    | Subscribe
+    | Unsubscribe
+    | ReplyBack
+    | EndBack
+    | Answered
+    | Up
+    | FailedFrame
+    | Alive
+    | GoneFrame
+)
 
 _encode = msgspec.msgpack.Encoder().encode
 to_robot: msgspec.msgpack.Decoder[ToRobot] = msgspec.msgpack.Decoder(ToRobot)
