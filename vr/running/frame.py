@@ -238,15 +238,15 @@ class Frame:
 
     # -- while its robot is about to leave ---------------------------------------------------------
 
-    def stand(self) -> bool:
-        """Wait while the robot is about to leave; returns False.
+    def stand(self) -> None:
+        """Wait while the robot is about to leave.
 
         Raises:
             GoneOn: it has left.
         """
         ice = self.runtime.ice
         if ice is None:
-            return False
+            return
         self.parked = True
         try:
             while not (ice.over or self.worker.dead):
@@ -255,7 +255,6 @@ class Frame:
             self.parked = False
         if ice.moved:
             raise self._once_more(GoneOn())
-        return False
 
     def leave_author(self) -> Worker:
         """Come from the author's code into ours.
@@ -381,13 +380,15 @@ class Frame:
         """
         worker = self.worker
         end = worker.now() + max(timeout, 0.0)
-        while self.stand() or not condition():
+        while True:
+            self.stand()
+            if condition():
+                return True
             self.expect_to_go_on()
             now = worker.now()
             if now >= end:
                 return False
             worker.waiter.wait(min(end, self.deadline_at) - now)
-        return True
 
     def expect_to_go_on(self) -> None:
         """Raise what ends it, if it is to end.

@@ -44,7 +44,7 @@ else:
 class StandingFrame(Protocol):
     """A frame."""
 
-    def stand(self) -> object:
+    def stand(self) -> None:
         """Wait while its robot is about to leave; see `ice.py`."""
         ...
 
