@@ -53,10 +53,12 @@ async def test_an_order_is_carried_out_once_when_its_robot_is_back(stage: Stage)
     agent = await stage.robot(rover, Ledger(None), identity="of-another-site")
     await asyncio.sleep(20)
     assert not rover.done, "it has the name alone"
+    key, book = left.order.key, directory.book
+    for found in (book.fetch("of-another-site"), book.take(key, "of-another-site")[0]):
+        assert not found.orders, "and is told of nothing"
     await stage.switch_off(agent)
     rover = Rover("r1")
     await stage.robot(rover, ledger)
-    key = left.order.key
     await stage.until(lambda: directory.book.store.orders[key].over)
     done = directory.book.store.orders[key]
     assert (done.state, done.value, rover.done) == ("done", 0.5, [key])
@@ -178,17 +180,20 @@ async def test_a_running_order_that_is_cancelled_ends(stage: Stage) -> None:
 
 
 async def test_a_stop_holds_who_is_away_until_a_person_releases_it(stage: Stage) -> None:
-    _, person, ledger = await furnished(stage)
+    directory, person, ledger = await furnished(stage)
     key = (await person.orders.leave("r1", "drive", {"x": 1.0})).order.key
     await stage.directory("d2")
     stage.network.freeze(stage.transports["d2"])
     assert await person.orders.hold() == (["d1"], ["d2"]), "who does not answer is named"
     stage.network.thaw(stage.transports["d2"])
+    (copy,) = directory.book.take(key, "r1-for-life")[0].orders
+    assert copy.state == "waiting", "nor does it begin when it has not heard of the hold"
     rover = Rover("r1")
     agent = await stage.robot(rover, ledger)
     await asyncio.sleep(20)
     assert not rover.done
     await RobotClient(person._transport, agent.address).resume()  # is not a person's release
+    await person.orders.release(ago=3600.0)  # was given before the stop
     await asyncio.sleep(20)
     assert not rover.done
     await person.orders.release()
@@ -248,8 +253,12 @@ async def test_an_intent_that_no_directory_heard_of_begins_when_one_confirms_it(
     directory, person, ledger = await furnished(stage)
     order = (await person.orders.leave("r1", "drive", {"x": 1.0})).order
     ledger.put(LedgerEntry(msgspec.structs.replace(order, state="taken")))
+    stage.network.freeze(stage.transports["d1"])
     rover = Rover("r1")
     await stage.robot(rover, ledger)
+    await asyncio.sleep(20)
+    assert not rover.done, "nobody has confirmed it"
+    stage.network.thaw(stage.transports["d1"])
     await stage.until(lambda: directory.book.store.orders[order.key].over)
     assert (directory.book.store.orders[order.key].state, rover.done) == ("done", [order.key])
 
