@@ -71,8 +71,7 @@ def of_replay(tree: ast.Module, imported: Mapping[str, str]) -> Iterator[Finding
             match node:
                 case ast.Call():
                     found = _of_call(node, imported)
-                    ours = bool(_names(node) & beside)
-                    yield from (one for one in found if not (ours and one.what.endswith(_FILE[0])))
+                    yield from (one for one in found if not (_asks_the_disk(one) and _names(node) & beside))
                 case (
                     ast.For(iter=ast.Set() | ast.SetComp() as order)
                     | ast.comprehension(iter=ast.Set() | ast.SetComp() as order)
@@ -95,6 +94,11 @@ def _beside(tree: ast.Module) -> set[str]:
 
 def _names(tree: ast.AST) -> set[str]:
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+
+
+def _asks_the_disk(found: Finding) -> bool:
+    """Whether names are to be gathered for it: for each call of a chain that would take long."""
+    return found.what.endswith(_FILE[0])
 
 
 def _functions(tree: ast.Module) -> Iterator[ast.AST]:
