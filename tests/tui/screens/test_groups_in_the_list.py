@@ -12,6 +12,7 @@ from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.group import GroupPanel
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.widgets.robot_table import RobotTable
+from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.vr import Robot, command
 from robotree.vr.base.group import RobotGroup
 from robotree.vr.network.policy_file import PolicyFile
@@ -68,6 +69,7 @@ async def test_a_group_is_a_line_of_the_list_and_each_member_answers(
         await operator.press("enter")
         await operator.until(lambda: isinstance(operator.app.screen, GroupPanel), "its panel")
         await operator.sees("carts / group", "load", "members")
+        assert not operator.app.screen.query(SidePane), "a group has no branch and no camera"
         commands = operator.one(OptionList, "#commands")
         named = [str(commands.get_option_at_index(i).prompt) for i in range(commands.option_count)]
         assert "load" in named

@@ -9,6 +9,9 @@ from typing import Any, ClassVar
 import msgspec
 from rich.text import Text
 from textual import on, work
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import ContentSwitcher, OptionList
 
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.widgets.cached_text import CachedText
@@ -105,6 +108,17 @@ class GroupPanel(PanelPage):
     def title_of_page(self) -> str:
         """Return the group's name."""
         return f"{self.name_of_group} / group"
+
+    def parts(self) -> ComposeResult:
+        """List of commands, members, form; no pane beside them, for a group has no branch and no camera."""
+        yield CachedText(id="who")
+        with Horizontal(classes="columns"):
+            with Vertical(classes="side"):
+                yield OptionList(
+                    *map(self._option, range(len(self.robot.commands))), id="commands", markup=False
+                )
+                yield Readings(id="readings")
+            yield ContentSwitcher(id="forms")
 
     def on_mount(self) -> None:
         """Say so if there is nothing to fill in."""
