@@ -55,11 +55,12 @@ TRIES, HEARS = 3, 20.0
 OBEYS = 10.0
 """[s] in which it has ended what it did then, at most."""
 ROLE = "child"
+"""Played after the change."""
 COUNTED = (
     *("greeted", "recognised", "cups", "left_early", "dropped", "role_changes", "stops", "refused"),
     *("interrupted", "orders", "errands"),
 )
-"""Played after the change."""
+"""What of the evening is counted, as the verdict names it."""
 FORCE = 60.0
 """[N] that no hand may feel on the way."""
 
