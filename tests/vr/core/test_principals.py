@@ -124,6 +124,25 @@ def core_of(name: str, *slots: SlotSpec) -> RobotCore:
     )
 
 
+def test_who_enslaves_a_robot_ends_what_moves_it_and_not_who_reads() -> None:
+    core = core_of("rover")
+    for name, reads in (("move", False), ("look", True)):
+        call = Call(key=name, command=name, deadline=9.0)
+        core.handle(on.Invoke(call=call, arguments={}, deadline_at=9.0, reads=reads), 1.0)
+    pair = Address("robot", "pair", "1")
+    asked = on.ParentAsked(parent=pair, slot="left", lineage=("pair",), term=5.0, unix=1.0, key="k")
+    ended = [effect.key for effect in core.handle(asked, 2.0) if isinstance(effect, on.Interrupt)]
+    assert ended == ["move"]
+
+
+def test_a_key_that_comes_too_late_brings_nothing_back() -> None:
+    core = core_of("saw")
+    call = Call(key="k", command="turn", deadline=60.0)
+    core.handle(on.Invoke(call=call, arguments={}, deadline_at=60.0, attended=True, attended_until=2.0), 1.0)
+    core.handle(on.Attended(key="k", at=2.5), 2.5)
+    assert core.state.calls.live["k"].attended_until == 2.0
+
+
 def test_a_stop_of_a_child_whose_parent_is_away_ends_what_the_parent_was_about() -> None:
     child, parent = core_of("rover"), core_of("pair", SlotSpec(name="left", kind="Rover"))
     rover, pair = child.state.address, parent.state.address
