@@ -109,6 +109,9 @@ def test_a_host_that_has_refused_it_is_left_alone_for_a_while() -> None:
     watch.refused("plant", 2.0)
     moves = [second for second in range(3, 60) if watch.look(robot(), FAR, [NEAR], float(second)).moves]
     assert moves[0] == 2.0 + REFUSED_FOR
+    watch.refused("plant", 60.0)
+    late = 60.0 + 2 * REFUSED_FOR  # the moves of others have held up the looks
+    assert [watch.look(robot(), FAR, [NEAR], late + second).moves for second in range(2)] == [False, True]
 
 
 def test_a_host_that_is_better_only_now_and_then_moves_nobody() -> None:

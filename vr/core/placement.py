@@ -172,7 +172,7 @@ class PlaceWatch:
 
     def refused(self, host: str, now: float) -> None:
         """Take note that a host has not taken it, at `now` [s]."""
-        self._refused[host] = now
+        self._refused[host], self._looks = now, 0  # the next look may come after the refusal counts no more
 
     def _well(self, why: str, saved: float = 0.0) -> PlaceAdvice:
         self._better, self._looks = "", 0
