@@ -6,7 +6,7 @@ VENV := .venv$(if $(filter command,$(origin PYTHON)),-$(NAMED))
 SEED := 1
 # [s] for stories of the World from new seeds; seeds.log keeps where the next night goes on.
 SEEDS_FOR := 1800
-WORKERS := 5
+WORKERS := 4
 INTERPRETERS := 3.11 3.12 3.13 3.14
 BIN := $(VENV)/bin
 LOCK := requirements.lock
@@ -48,7 +48,7 @@ $(STAMP): $(LOCK) pyproject.toml
 demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, lookup, directory, host, supervisor
 	@$(BIN)/robotree demo
 
-# Twice as many workers as two cores, and one: most of the time the tests wait for something. Tests that measure speed come
+# Twice as many workers as two cores: half of the time the tests wait for something. Tests that measure speed come
 # after the others, one at a time: a worker beside them on the same core makes their processor time longer, too.
 test: $(STAMP) $(NODE_READY) browser  ## the test suite (about 12 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
 	$(BIN)/python -m pytest -n $(WORKERS)
