@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 from pathlib import Path
 
 import msgspec
@@ -14,6 +15,7 @@ from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing
 from robotree.vr.base.envelope import seal, sitting_at
 from robotree.vr.base.errors import NotAllowed, NotItsChild
+from robotree.vr.base.order import Order
 from robotree.vr.base.permissions import Permissions
 from robotree.vr.isolation.judge import ALLOWED, Judge, Misbehaved
 from robotree.vr.lookup.service import NEWS_PATTERN
@@ -103,6 +105,19 @@ def test_it_says_of_itself_alone_that_it_is_deleted(judge: Judge) -> None:
             judge.expect_asked("directory/d/1", body(req.RobotDeleted(identity=identity)))
     judge.identity = ""  # it takes no orders, and is remembered by its name
     judge.expect_asked("directory/d/1", body(req.RobotDeleted(identity="name:guest")))
+
+
+def test_it_takes_and_tells_of_its_own_orders_alone(judge: Judge) -> None:
+    judge.identity = "mine"
+    for identity in ("mine", "yours"):
+        order = Order(key="k", robot="guest", identity=identity, command="move")
+        for request in (
+            req.FetchOrders(identity=identity),
+            req.TakeOrder(key="k", identity=identity),
+            req.TellOrders(orders=(order,), now=1.0),
+        ):
+            with contextlib.nullcontext() if identity == "mine" else pytest.raises(Misbehaved):
+                judge.expect_asked("directory/d/1", body(request))
 
 
 def test_it_is_no_person(judge: Judge) -> None:

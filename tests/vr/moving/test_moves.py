@@ -81,17 +81,23 @@ async def test_who_wanted_a_move_and_what_came_of_it_is_kept(stage: Stage) -> No
 async def test_a_robot_that_was_not_taken_goes_on_where_it_was(stage: Stage) -> None:
     call = await touring(stage)
     moves = stage.homes["h2"].host.moves
-    answer, taken = moves.answer, []
+    answer, taken, refused = moves.answer, [], []
 
     async def lost(request: Any, *more: Any) -> Any:
         if isinstance(request, TakeRobot):
             taken.append(request)
+            for other in ("host/h3/x", "robot/r/x"):
+                refused.extend(
+                    await asyncio.gather(answer(request, Principal(agent=other)), return_exceptions=True)
+                )
             raise NoAnswer(key="h2", seconds=0.0)
         return await answer(request, *more)
 
     moves.answer = lost  # type: ignore[method-assign]
     with pytest.raises(CannotMove, match="the other host has not taken it"):
         await stage.migrate("tour", "h2")
+    assert "another host was to send it" in str(refused[0])
+    assert "only a host sends robots" in str(refused[1])
     assert stage.where("tour") == ["h1"]
     assert await call == list(range(20))
     assert stage.field("leaf", "done") == list(range(20))
