@@ -344,6 +344,9 @@ def test_while_its_parent_is_away_a_person_may_end_what_a_robot_does_and_begin_n
     with pytest.raises(NotInControl):
         lease.check(None, 2.0, person)
     lease.check(None, 2.0, person, ends=True)
+    robot = Principal(user="anna", process=9, agent="robot/other/1")
+    with pytest.raises(NotInControl):  # only a person
+        lease.release(parent, epoch, unix=2.0, principal=robot)
     assert lease.release(parent, epoch, unix=2.0, principal=person) is not None
     assert lease.current is None
     with pytest.raises(StaleEpoch):  # the parent that comes back does not get it again
