@@ -107,6 +107,17 @@ async def test_arrivals_changes_and_departures_appear_by_themselves_and_once() -
     assert onlooker.directory.services == ("lookup-0", "lookup-1", "lookup-2")
 
 
+@in_virtual_time
+async def test_an_agent_that_goes_on_in_another_process_is_listed_though_it_was_withdrawn() -> None:
+    network, _, onlooker, arm = await open_realm("arm")
+    await arm.be_enslaved()
+    there = Agent(network, "arm")
+    there.listing = arm.listing
+    await there.start()
+    await asyncio.sleep(1)
+    assert onlooker.names == ["arm"]
+
+
 @pytest.mark.parametrize("seconds", [0.5, 1.9, 2.1, 5.0, 9.0, 11.0, 100.0])
 @in_virtual_time
 async def test_with_one_of_three_stopped_nobody_notices(seconds: float) -> None:

@@ -166,6 +166,19 @@ async def test_a_cancel_names_the_directory_that_did_not_confirm_it(stage: Stage
     assert not rover.done
 
 
+async def test_what_one_directory_knows_as_cancelled_does_not_begin_though_another_one_has_it_waiting(
+    stage: Stage,
+) -> None:
+    _, second, person, ledger = await furnished(stage, "d1", "d2")
+    order = (await person.orders.leave("r1", "drive", {"x": 1.0})).order
+    await person.orders.cancel(order.key)
+    second.book.store.orders[order.key] = order
+    rover = Rover("r1")
+    await stage.robot(rover, ledger)
+    await asyncio.sleep(20)
+    assert not rover.done
+
+
 async def test_a_running_order_that_is_cancelled_ends(stage: Stage) -> None:
     directory, person, ledger = await furnished(stage)
     key = (await person.orders.leave("r1", "drive", {"x": 1.0, "seconds": 60.0})).order.key
