@@ -81,6 +81,8 @@ async def test_who_has_control_commands_alone_and_everybody_stops(realm: Any, pe
     with pytest.raises(HeldByOperator):
         await ben.control("get")
     with sitting_at(ben.terminal):
+        with pytest.raises(HeldByOperator):
+            await ben.client.decide("rover", "done")
         assert (await ben.client.call("rover", "get_info", {}))["moves"] == 1, (
             "who only reads is in nobody's way"
         )
