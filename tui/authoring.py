@@ -51,7 +51,7 @@ def check(line: Line, _realm: str) -> int:
     found = [(file, one) for file, some in by_file.items() for one in some]
     rows = [f"{file}:{one.line}: {_mark(one)}{one.what}: {one.instead}" for file, one in found]
     data = [{"file": file, **structs.asdict(one)} for file, one in found]
-    answer("\n".join(rows) or f"{path}: nothing was found", lambda: data)
+    answer("\n".join(rows) or f"{path}: no mistake was found", lambda: data)
     return exit_codes.REFUSED if any(one.level == "mistake" for _, one in found) else exit_codes.DONE
 
 

@@ -92,7 +92,7 @@ class Assistant(Counted):
     async def open(self, realm_client: RealmClient) -> str:
         """Put the lever's robots on the arm."""
         await build_lever(realm_client)
-        return f"the assistant {NAME} asks for {LEVER}.close soon: answer with `permit allow` at the : prompt"
+        return f"the assistant {NAME} soon asks for {LEVER}.close: answer on page P or `:permit allow PERMIT`"
 
     def summary(self, verdict: Verdict) -> str:
         """Say what came of it."""

@@ -460,6 +460,8 @@ class RobotApart:
         self._last_sign = self._loop.time() + self._setting.limit + START
         watch = self._loop.create_task(self._watch_it())
         try:
+            if self.folder is not None:  # who could not reach the process before has left the stop here
+                self.kept = _stopped(self._page_file, self.kept, "its process could not be reached")
             self._send(self._first_frame(create, abandon))
             self._note = ""
             self._undo = self._transport.presence.watch("**", self._tell_presence)
@@ -1022,7 +1024,7 @@ class RobotsApart:
         found: list[KeptApart] = []
         for path in sorted((self._setting.folder / APART).glob(f"*{PAGE}")):
             try:
-                found.append(_stopped(path, _kept.decode(path.read_bytes())))
+                found.append(_stopped(path, _kept.decode(path.read_bytes()), "its host was away"))
             except (OSError, msgspec.MsgspecError) as error:
                 _log.error("%s is not back: %s cannot be read: %s", path.stem, path, error)
         return found
@@ -1088,15 +1090,20 @@ class RobotsApart:
             self._nursery.close()
 
 
-def _stopped(page_file: Path, kept: KeptApart) -> KeptApart:
+def _stopped(page_file: Path, kept: KeptApart, missed: str) -> KeptApart:
     """Have a robot obey a stop that was left for it: what is kept of it says so from now on.
+
+    Args:
+        page_file: what is kept of it.
+        kept: the same, read.
+        missed: why it did not hear the stop itself.
 
     Raises:
         OSError: that cannot be written, or the stop cannot be read.
     """
     folder = page_file.with_suffix("")
     if reason := stop_left(folder):
-        stop = SafeStop(reason=f"{reason}, while its host was away")
+        stop = SafeStop(reason=f"{reason}, while {missed}")
         kept = msgspec.structs.replace(kept, left=(*kept.left, stop))
         replace(page_file, msgspec.msgpack.encode(kept))
         take_stop_back(folder)

@@ -46,7 +46,7 @@ def test_a_recording_becomes_a_page_its_panel_its_test_and_its_steps(
     assert told["parameters"] == dict(zip(PLACES, (0.3, -0.2, 0.03, 0.3, -0.3, 0.03), strict=True))
     assert (here / "cup.steps").read_text() == STEPS
     assert main(["check", "cup.py"]) == 0
-    assert "nothing was found" in capsys.readouterr().out
+    assert "no mistake was found" in capsys.readouterr().out
 
 
 def test_a_hand_that_was_recorded_empty_expects_nothing(here: Path) -> None:

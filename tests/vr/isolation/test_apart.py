@@ -342,6 +342,19 @@ async def test_a_command_that_ignores_every_cancel_is_ended_with_its_process_and
     assert any("defy went on after it was ended, so its process was ended" in line.text for line in said)
 
 
+async def test_a_stop_that_was_left_for_a_process_that_hung_holds_in_the_next_one(
+    place: Place, tmp_path: Path
+) -> None:
+    guest = await place.create()
+    assert leave_stop(tmp_path / "h1" / "apart" / "guest", [], "halt") == ("guest",)
+    before = place.pid()
+    os.kill(before, signal.SIGKILL)
+    await until(lambda: place.pid() not in (0, before))
+    assert (await guest.describe()).stop_reason == "halt, while its process could not be reached"
+    await guest.resume()
+    assert await guest.call("add", {"a": 1, "b": 2}) == 3
+
+
 async def test_a_stop_that_was_left_while_its_host_hung_holds_when_it_is_back(
     place: Place, tmp_path: Path
 ) -> None:
