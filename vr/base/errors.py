@@ -804,14 +804,13 @@ class NotConfirmed(TransportError):
     Its data: `order`, the names `told`, pairs (name, reason) `untold`, and the steps of the `advice`.
     """
 
-    sentence = "{order} is {told} {untold}; {advice}"
+    sentence = "{order} is confirmed by {told} but NOT by {untold}; {advice}"
 
     @classmethod
     def words(cls, data: dict[str, Any]) -> dict[str, Any]:
-        told = ", ".join(data["told"])
         return {
             "order": data["order"],
-            "told": f"confirmed by {told} but NOT by" if told else "NOT confirmed by",
+            "told": ", ".join(data["told"]) or "nobody",
             "untold": "; ".join(f"{name} ({reason})" for name, reason in data["untold"]),
             "advice": ", then: ".join(data["advice"]),
         }

@@ -92,7 +92,7 @@ async def test_the_confirmation_of_one_never_counts_for_the_other() -> None:
     await machine.robot("robot/arm-1/h", "hall", error=NoSuchRobot(name="x"))
     await machine.robot("robot/arm-1/l")
     assert list(await realm.stop("arm-1")) == ["lab:arm-1"]
-    with pytest.raises(NotConfirmed, match="NOT confirmed by hall:arm-1"):
+    with pytest.raises(NotConfirmed, match="confirmed by nobody but NOT by hall:arm-1"):
         await realm.stop("hall:arm-1")
     assert machine.stopped == ["robot/arm-1/l"]
     await realm.close()

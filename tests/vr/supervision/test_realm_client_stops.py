@@ -43,7 +43,7 @@ async def test_a_release_for_one_that_only_its_parent_may_release_is_not_confirm
     await world.create("carrier")
     await realm_client.enslave("carrier", "rover", "r1")
     await realm_client.stop(None)
-    with pytest.raises(NotConfirmed, match=r"NOT confirmed by r1 .*r1 is commanded by carrier"):
+    with pytest.raises(NotConfirmed, match=r"confirmed by nobody but NOT by r1 .*r1 is commanded by carrier"):
         await realm_client.resume("r1")
     assert await realm_client.resume("carrier") == ["carrier", "r1"]
 
@@ -54,7 +54,7 @@ async def test_a_stop_that_finds_nobody_at_home_is_not_confirmed(world: World) -
     world.agents["r1"].transport.served.clear()  # type: ignore[attr-defined]
     with pytest.raises(NotConfirmed, match=r"confirmed by r2 but NOT by r1 \(in r1, which runs and could"):
         await world.realm_client.stop(None)
-    with pytest.raises(NotConfirmed, match="NOT confirmed by r1"):
+    with pytest.raises(NotConfirmed, match="confirmed by nobody but NOT by r1"):
         await world.realm_client.stop("r1")
     assert key.startswith("robot/r1/")
 
@@ -73,11 +73,11 @@ async def test_a_stop_knows_of_those_who_were_silent_before_it_came(world: World
     world.network.freeze(world.agents["r1"].transport)  # type: ignore[arg-type]
     newcomer = RealmClient(world.network.join("newcomer"))
     await newcomer.start()
-    silent = r"by r1 \(in r1, which hangs\); press the emergency stop .* then: thaw r1"
-    with pytest.raises(NotConfirmed, match=f"confirmed by r2 but NOT {silent}"):
+    silent = r"NOT by r1 \(in r1, which hangs\); press the emergency stop .* then: thaw r1"
+    with pytest.raises(NotConfirmed, match=f"confirmed by r2 but {silent}"):
         await newcomer.stop(None)
     assert stopped(world, "r2")
-    with pytest.raises(NotConfirmed, match=f"NOT confirmed {silent}"):
+    with pytest.raises(NotConfirmed, match=f"confirmed by nobody but {silent}"):
         await newcomer.stop("r1")
     with pytest.raises(NotConfirmed, match="look at them, then resume again, then: thaw r1"):
         await newcomer.resume(None)
@@ -137,7 +137,7 @@ async def test_a_stop_that_came_after_a_resume_was_given_stays_however_late_the_
     with pytest.raises(Stopped):
         await world.realm_client.call("r2", "move", {"x": 1.0})
     assert await world.realm_client.stop("r1") == ["r1"]
-    with pytest.raises(NotConfirmed, match=r"NOT confirmed by .*r1 \(it was stopped again"):
+    with pytest.raises(NotConfirmed, match=r"NOT by .*r1 \(it was stopped again"):
         await world.realm_client.resume("carrier", given=given)
     assert sorted(await world.realm_client.resume(None)) == ["r1", "r2"]
 
