@@ -60,7 +60,7 @@ COUNTED = (
     *("greeted", "recognised", "cups", "left_early", "dropped", "role_changes", "stops", "refused"),
     *("interrupted", "orders", "errands"),
 )
-"""What of the evening is counted, as the verdict names it."""
+"""The counters of the evening, by their names in the verdict."""
 FORCE = 60.0
 """[N] that no hand may feel on the way."""
 

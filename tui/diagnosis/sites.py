@@ -171,7 +171,7 @@ async def robot(realm_client: RealmClient, name: str, described: GatewayDescribe
         await realm_client.describe(name)
     except VrError as error:
         site = name.partition(":")[0] if ":" in name else ""
-        remedy = next((one.remedy for one in described.sites if one.name == site), "")
+        remedy = next((link.remedy for link in described.sites if link.name == site), "")
         return [Finding("robot", "bad", f"{name} cannot be asked: {error}", remedy)] if site else []
     seconds = time.monotonic() - begin
     return [Finding("robot", "good", f"{name} is at site {site} and answers in {seconds:.2f} s")]

@@ -681,7 +681,7 @@ async def enslave(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
         return _why(await realm_client.choose(parent, slot, " ".join(children[1:])), slot)
     if len(children) > 1:  # before the first of them is enslaved
         slots = (await realm_client.describe(parent)).slots
-        if not any(one.group == slot for one in slots):
+        if not any(child.group == slot for child in slots):
             reason = f"{parent}.{slot} takes one robot; several go only into a group (Children)"
             raise ValueRefused("CHILD", reason)
     robot = None

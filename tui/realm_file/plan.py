@@ -309,7 +309,7 @@ class _Planner:
             coming = self._coming_back(entry.name, slot) if robot else set[str]()
             there = {child for _, child in held} | coming
             if missing := [word for name, word in wanted.items() if name not in there]:
-                several = robot is not None and any(one.group == slot for one in robot.slots)
+                several = robot is not None and any(child.group == slot for child in robot.slots)
                 in_the_way = not several and held and not released
                 available = [self._available(word) for word in missing]
                 if not in_the_way and all(available):

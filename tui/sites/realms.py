@@ -83,7 +83,7 @@ def members(_line: Line, realm: str) -> int:
         return {**lasting, "revoked": revoked}
 
     if keys.is_authority:
-        rows = [about(one, revoked=one.revoked) for one in keys.members()]
+        rows = [about(member, revoked=member.revoked) for member in keys.members()]
     else:
         rows = [about(keys.certificate(now)), *map(about, keys.sites())]
 

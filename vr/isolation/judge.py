@@ -28,7 +28,7 @@ OF_PARENTS = (req.Petition, req.Retract, req.Renew, req.Release)
 OF_CALLS = (req.Attend, req.Detach, req.Cancel)
 """Requests about a call, by its key."""
 OF_CHILDREN = (req.Call, *OF_CALLS, req.Pause, req.TakeStep, req.Continue, req.Resume)
-"""Requests to whom the robot commands."""
+"""Requests to the children of the robot."""
 OF_MOVES = (req.PrepareMove, req.TakeRobot, req.AskMove)
 """Requests by which it moves to another host: its own host makes them anew."""
 ALLOWED: dict[str, tuple[type[req.AnyRequest], ...]] = {

@@ -321,7 +321,7 @@ def run(
         BrokenScript: a line of it cannot be read.
         ScriptError: the rules cannot be built.
     """
-    known = [one.name for one in program.partners] + [one.name for one in program.parameters]
+    known = [item.name for item in (*program.partners, *program.parameters)]
     for name in (*trial.missing, *trial.parameters, *trial.roles):
         if name not in known:
             raise trial.mark.error(

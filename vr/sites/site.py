@@ -38,7 +38,7 @@ class SiteExchange:
     end: End
     void_at: float
     again: Callable[[], None]
-    """Asks whoever has the key by now."""
+    """Sends a request to the agent that has the key now."""
 
 
 class Site:

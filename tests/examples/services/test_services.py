@@ -18,37 +18,17 @@ from robotree.sim.companion.world import build
 from robotree.sim.kinds import HEAD
 from robotree.sim.physics.camera import Renderer, jpeg
 from robotree.sim.serving.server import serving
-from robotree.vr.agents.host import Host
 from robotree.vr.base.errors import CommandFailed
 from robotree.vr.bundle import Bundle
-from robotree.vr.exchange.client import HostClient, RobotClient
-from robotree.vr.journal.journal import HostJournal
-from robotree.vr.running.process import Process
-from robotree.vr.running.runner import runner_of
-from robotree.vr.world.network import MemoryNetwork
+from robotree.vr.exchange.client import RobotClient
+from tests.vr.place import HostPlace
 from tests.waiting import until
 
 SERVICES = Path(__file__).parents[3] / "examples/services"
 
 
-class House:
+class House(HostPlace):
     """A host for services, that may be started again."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.network = folder, MemoryNetwork()
-
-    async def start(self) -> None:
-        runner = runner_of(asyncio.get_running_loop())
-        self.journal = HostJournal(self.folder / "journal", runner)
-        process = Process(runner, self.journal)
-        self.host = Host(self.network.join("host-1"), "host-1", process=process, journal=self.journal)
-        self.client = HostClient(self.network.join("operator"), self.host.address)
-        await self.host.start()
-        await self.host.restore()
-
-    async def end(self) -> None:
-        await self.host.close()
-        self.journal.close()
 
     async def add(self, file: str, name: str) -> Callable[..., Any]:
         """Add a service; returns how it is called."""
@@ -56,7 +36,7 @@ class House:
         return self.asker(name)
 
     def asker(self, name: str) -> Callable[..., Any]:
-        robot = RobotClient(self.network.join(), self.host.agents[name].address)
+        robot = self.robot(name)
         return lambda command, **arguments: robot.call(command, arguments, deadline=120.0)
 
     async def watch(self, watcher: str, slot: str, watched: Any) -> None:

@@ -76,7 +76,10 @@ class EnslaveDialog(Modal[Line]):
 
     def box(self) -> ComposeResult:
         """Slots on the left, robots on the right."""
-        slots = (Option(Text.assemble((one.path, "bold"), f"  takes {one.kind}")) for one in self._openings)
+        slots = (
+            Option(Text.assemble((opening.path, "bold"), f"  takes {opening.kind}"))
+            for opening in self._openings
+        )
         with Vertical(classes="dialog enslave"):
             yield Label("Enslave", classes="dialog-title", markup=False)
             with Horizontal(classes="choices"):
