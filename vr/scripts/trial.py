@@ -321,7 +321,8 @@ def run(
         BrokenScript: a line of it cannot be read.
         ScriptError: the rules cannot be built.
     """
-    known = [item.name for item in (*program.partners, *program.parameters)]
+    known = [partner.name for partner in program.partners]
+    known += [parameter.name for parameter in program.parameters]
     for name in (*trial.missing, *trial.parameters, *trial.roles):
         if name not in known:
             raise trial.mark.error(
