@@ -298,13 +298,13 @@ async def _live(way: RobotPipe, mesh: PipeMesh, begin: pipe.BeginFrame, lacks: l
     mesh.takers[pipe.Leave] = lambda frame: soon(loop, partial(leave, frame.returns))
     async with contextlib.AsyncExitStack() as stack:
         stack.enter_context(listening())
-        host = _host(mesh, begin, stack)
         parcel: asyncio.Future[pipe.Parcel] = loop.create_future()
         mesh.takers[pipe.Arrive] = lambda frame: soon(loop, partial(parcel.set_result, frame.parcel))
         if begin.parcel is not None:
             parcel.set_result(begin.parcel)
         threading.Thread(target=mesh.read, name="reader", daemon=True).start()
         try:
+            host = _host(mesh, begin, stack)
             agent = await _come_up(host, begin, way, parcel)
         except Exception as error:  # noqa: BLE001 # the host is told, and tells who has asked
             way.send(pipe.FailedFrame(encode(refusal(error, begin.name))))

@@ -271,8 +271,7 @@ class RobotApart:
             VrError: there is no robot; it says why.
         """
         if self.folder is not None and fresh:
-            self._clear(self.folder)  # of one that was deleted while nobody looked
-            private_folder(self.folder)
+            self._make_room(self.folder)
             self._write_page()
         self._for_good = fresh  # until it has been up once
         self._keep(self._live(self.kept.create if fresh else None))
@@ -285,14 +284,24 @@ class RobotApart:
             VrError: it cannot be; it says why.
         """
         assert self.folder is not None  # noqa: S101 # a host that keeps nothing takes none
-        self._clear(self.folder)
-        private_folder(self.folder)
+        self._make_room(self.folder)
         self._for_good = self._expected = True  # until it has come
         self._keep(self._live(self.kept.create))
         both: tuple[asyncio.Future[Any], ...] = (self._loaded, self._up)
         await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
         if not self._loaded.done():
             self._up.result()
+
+    def _make_room(self, folder: Path) -> None:
+        """Have an empty folder. What is kept there of a robot that is not back is put aside, not removed."""
+        if self._page_file.exists() and folder.exists():
+            asides = (folder.with_name(f"{self.name}.{number}") for number in itertools.count(1))
+            aside = next(path for path in asides if not path.exists())
+            folder.rename(aside)
+            self._page_file.rename(aside / self._page_file.name)
+            _log.warning("%s begins anew; what was kept of the one that is not back is in %s", self.name, aside)
+        self._clear(folder)  # of one that was deleted while nobody looked
+        private_folder(folder)
 
     def _clear(self, folder: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)

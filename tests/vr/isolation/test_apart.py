@@ -310,6 +310,27 @@ async def test_a_command_that_had_it_given_up_has_ended_when_its_host_is_back(
     assert place.pid() == pid
 
 
+async def test_a_damaged_journal_is_named_and_outlasts_a_new_robot_of_its_name(
+    place: Place, caplog: pytest.LogCaptureFixture
+) -> None:
+    await place.create()
+    await place.end()
+    folder = place.folder / "h1" / "apart" / "guest"
+    segment = next(path for path in sorted(folder.rglob("*")) if path.is_file() and path.stat().st_size > 200)
+    damaged = bytearray(segment.read_bytes())
+    damaged[100] ^= 0xFF
+    segment.write_bytes(damaged)
+    await place.start()
+    assert "guest is not back: " in caplog.text
+    assert "is damaged at byte" in caplog.text
+    assert await (await place.create()).call("add", {"a": 1, "b": 2}) == 3
+    aside = folder.with_name("guest.1")
+    assert (aside / segment.relative_to(folder)).read_bytes() == damaged
+    assert f"is in {aside}" in caplog.text
+    await place.restart()
+    assert await place.robot().call("add", {"a": 1, "b": 2}) == 3
+
+
 async def test_who_holds_the_interpreter_harms_itself_alone(
     place: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
