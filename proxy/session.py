@@ -141,6 +141,8 @@ class ControllerSession:
         """Why arriving frames are rejected, as one clause; empty: none was."""
         self._open = False
         self._opened_at = -math.inf
+        self._redials = False
+        """Whether another link is asked for already: this one may take its time to close."""
         self._beats = 0
         """Heartbeats of the controller on this link."""
         self._rates = rates
@@ -228,7 +230,7 @@ class ControllerSession:
     def opened(self, now: float) -> list[SessionEffect]:
         """A link was opened; the controller has not been heard on it yet."""
         self._open = True
-        self._opened_at = now
+        self._opened_at, self._redials = now, False
         self._beats = 0
         self._desired.opened()
         if self._claim is not None:
@@ -311,7 +313,7 @@ class ControllerSession:
         silence = self._silence_reported() if moving else math.inf  # which matters only then
         claimed = math.inf if claim is None else claim.due(silence, moving=moving)
         beat = self._heartbeats.due_for(self._beats_kept_for())
-        return min(due, claimed, beat, self._commands.due, max(self._opened_at, self.heard_at) + DEAD)
+        return min(due, claimed, beat, self._commands.due, self._dead_at())
 
     def tick(self, now: float) -> list[SessionEffect]:
         """Send what is due (heartbeats, repetitions) and notice silence. Call it when it is `due`."""
@@ -330,9 +332,14 @@ class ControllerSession:
         # the claim first: on a new link goals are refused before it
         effects += [*self._keep_claim(now, beats=bool(beats)), *beats, *goals]
         effects += _sends(self._commands.tick(now))
-        if now >= max(self._opened_at, self.heard_at) + DEAD:
+        if now >= self._dead_at():
+            self._redials = True
             effects.append(Redial(self.rejection or f"nothing came over the link for {DEAD:g} s"))
         return effects + self._repeat_mode(now) + self._held_change()
+
+    def _dead_at(self) -> float:
+        """When the link counts as dead, [s]."""
+        return math.inf if self._redials else max(self._opened_at, self.heard_at) + DEAD
 
     # -- requests to the controller ----------------------------------------------------------------
 
