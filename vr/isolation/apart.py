@@ -299,7 +299,7 @@ class RobotApart:
             aside = next(path for path in asides if not path.exists())
             folder.rename(aside)
             self._page_file.rename(aside / self._page_file.name)
-            _log.warning("%s begins anew; what was kept of the one that is not back is in %s", self.name, aside)
+            _log.warning("%s begins anew; what was kept of the one before is in %s", self.name, aside)
         self._clear(folder)  # of one that was deleted while nobody looked
         private_folder(folder)
 
