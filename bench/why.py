@@ -24,7 +24,7 @@ from robotree.vr.core.machine import Calls, RobotCore, RobotState
 from robotree.vr.core.stop import Stop
 from robotree.vr.history.file import HistoryFile
 from robotree.vr.history.writer import HistoryWriter
-from robotree.vr.supervision.why import explain, last_motion
+from robotree.vr.supervision.past import explain, last_motion
 
 DAY = 24 * 3600.0
 CALLS = 2000

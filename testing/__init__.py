@@ -13,14 +13,12 @@ Nothing here takes real time, and the same seed gives the same order of events.
 
     trial       a page carried out once, for a program that asks
     parts       what can be in a slot, and what goes wrong with it
-    kind        what a fake needs to know of a kind, from a class, a description or a file
-    fake        fakes, their results and their faults
+    fake        fakes of a kind (a class, a description or a file), their results and their faults
     journal     what was commanded, and how it differs from what a test expects
-    home        the process of a page, which keeps its robot and comes back after a crash
+    home        the process of a page, which keeps its robot and comes back after a crash; the space
     team        the World of one rehearsal, and what a test does to it
-    space       the space of a rehearsal
     seeds       the same page under many seeds, with faults
-    simulated   simulated robots; cable: the link between controller and proxy in virtual time
+    simulated   simulated robots, and the cable between controller and proxy in virtual time
     plugin      for pytest, which finds it by itself
 """
 

@@ -1,26 +1,27 @@
-"""The process of a page in a rehearsal: it keeps its robot as a host does, and can crash and come back.
-
-The journal is that of a host, on a disk in memory. A crash ends the process at once; its next life reads what
-was written, and the command goes on at its next step.
-"""
+"""The processes of a rehearsal that keep something: a page, as a host keeps it, and the space, in memory."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar
 
 from robotree.testing.journal import Journal
 from robotree.testing.parts import Stage
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.run import kept_by
 from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.base.entry import entry_of, revived, template_of
+from robotree.vr.base.requests import FOR_EVER, AnyRequest, EntriesFound, EntryLeased, FindEntries, WriteEntry
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotState
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.recovery import rebase
 from robotree.vr.running.process import Process
+from robotree.vr.space.memory import MemoryStore
+from robotree.vr.space.service import SpaceService
 from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
 from robotree.vr.world.world import SimulatedProcess
 
@@ -30,7 +31,11 @@ _PAGE = KeptPage("", "")
 
 
 class Home:
-    """See the module."""
+    """The process of a page: it keeps its robot as a host does, and can crash and come back.
+
+    The journal is that of a host, on a disk in memory. A crash ends the process at once; its next life reads
+    what was written, and the command goes on at its next step.
+    """
 
     def __init__(self, team: Stage, path: str, make: Callable[[], VirtualRobot]) -> None:
         """Begin with an empty disk.
@@ -86,3 +91,62 @@ class _Both:
 
     def commit(self) -> None:
         self._kept.commit()
+
+
+# -- the space: what a test puts there for the page, and what the page has left ----------------------
+
+
+SPACE = "space"
+"""Its name."""
+MOST = 1000
+"""Entries that one call returns at most."""
+_T = TypeVar("_T")
+
+Ask = Callable[[str, AnyRequest, type[Any]], Any]
+"""Asks the agent under a key, lets time pass until it has answered, and returns the answer."""
+
+
+class TeamSpace:
+    """`Team.space`; its methods raise what those of a page's `self.space` raise.
+
+    team = rehearse(Porter)
+    team.space.write(Delivery("hall"))
+    team.call("work")
+    assert team.space.take(Report) == Report("hall")
+    """
+
+    def __init__(self, ask: Ask) -> None:
+        """Made by a team; `live` is its process."""
+        self._ask = ask
+        self.key = ""
+        """Of its agent; empty: it does not live yet."""
+
+    async def live(self, process: SimulatedProcess) -> None:
+        """Be the space."""
+        loop = asyncio.get_running_loop()
+        service = SpaceService(process.transport, SPACE, MemoryStore(SPACE, loop.time))
+        await service.start()
+        self.key = service.address.key
+        await asyncio.Event().wait()
+
+    def write(self, entry: object, *, lease: float = FOR_EVER, key: str = "") -> None:
+        """Put an entry into it; `lease` [s]."""
+        self._ask(self.key, WriteEntry(entry=entry_of(entry), term=lease, key=key), EntryLeased)
+
+    def read(self, wanted: type[_T], /, **fields: Any) -> _T | None:
+        """Return the oldest entry that matches; None: there is none."""
+        return next(iter(self._find(wanted, fields, take=False)), None)
+
+    def read_all(self, wanted: type[_T], /, **fields: Any) -> list[_T]:
+        """Return the entries that match, the oldest first."""
+        return self._find(wanted, fields, take=False, most=MOST)
+
+    def take(self, wanted: type[_T], /, **fields: Any) -> _T | None:
+        """As `read`, but take it out."""
+        return next(iter(self._find(wanted, fields, take=True)), None)
+
+    def _find(self, wanted: type[_T], fields: dict[str, Any], *, take: bool, most: int = 1) -> list[_T]:
+        kind, given = template_of(wanted, fields)
+        request = FindEntries(kind=kind, fields=given, take=take, most=most)
+        found = self._ask(self.key, request, EntriesFound)
+        return [revived(entry, wanted) for _, entry in found.entries]

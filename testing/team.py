@@ -21,10 +21,9 @@ from typing import Any, Self, cast
 import msgspec
 
 from robotree.testing import watch
-from robotree.testing.home import Home
+from robotree.testing.home import Home, TeamSpace
 from robotree.testing.journal import Commanded, Journal, Step
 from robotree.testing.parts import Fault, Page, PageSource, Part, Parts
-from robotree.testing.space import TeamSpace
 from robotree.testing.watch import Endless, watched
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.author.fields import settings_spec

@@ -12,7 +12,7 @@ from robotree.tui.seen.standing import standing, times
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import CommandSpec, FieldSpec, RobotDescription, SlotSpec
 from robotree.vr.base.history_event import EventKind, HistoryEvent
-from robotree.vr.supervision.why import explain
+from robotree.vr.supervision.past import explain
 
 if TYPE_CHECKING:
     from robotree.vr.supervision.realm_client import RealmClient

@@ -15,7 +15,7 @@ from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import COMPONENT, Firmware
 from robotree.sim.firmware.description import Identity
 from robotree.sim.firmware.device import Device, Progress, Start, ended
-from robotree.testing.cable import Cable, CableEnd
+from robotree.testing.simulated import Cable, CableEnd
 from robotree.vr.world.virtual_runner import BEGINNING, VirtualRunner
 from robotree.vr.world.world import SimulatedProcess, World
 

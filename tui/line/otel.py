@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from robotree.tui.errors import NotInstalled, SupervisorError
 
 if TYPE_CHECKING:
-    from robotree.vr.supervision.spans import CallSpan
+    from robotree.vr.supervision.past import CallSpan
 
 ENDPOINT = ("OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT")
 """Variables that name a collector, as OpenTelemetry's specification says; one of them is enough."""

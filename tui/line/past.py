@@ -19,8 +19,8 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.history_event import HistoryEvent
     from robotree.vr.base.requests import EventsRead, ReadEvents
     from robotree.vr.history.file import HistoryFile
+    from robotree.vr.supervision.past import Chain, Link
     from robotree.vr.supervision.realm_client import RealmClient
-    from robotree.vr.supervision.why import Chain, Link
 
 Known: TypeAlias = "Mapping[str, CommandSpec]"
 """Commands by `robot.command`: what is not in it is written without units."""
@@ -63,7 +63,7 @@ async def history(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
         raise NoHistory(name=name, detail=_nothing(line.text("--since"), kept))
     if line.flag("--otel"):
         from robotree.tui.line.otel import export
-        from robotree.vr.supervision.spans import spans_of
+        from robotree.vr.supervision.past import spans_of
 
         spans = spans_of(event for _, event in events)
         printed = export(spans)
@@ -80,7 +80,7 @@ async def why(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome:
     from robotree.vr.base.address import parted
     from robotree.vr.base.errors import NoHistory
     from robotree.vr.base.requests import ReadEvents
-    from robotree.vr.supervision.why import explain, last_motion
+    from robotree.vr.supervision.past import explain, last_motion
 
     name = line.text("NAME|KEY")
     key = name

@@ -210,7 +210,7 @@ def _members(kind: type[Enum], where: str) -> tuple[str, ...]:
 
 
 def unwrapped(annotation: Any) -> tuple[Any, tuple[Any, ...], bool]:
-    """Unwrap `Annotated` and `X | None`; return the type, its annotations, and whether it may be Nmember."""
+    """Unwrap `Annotated` and `X | None`; return the type, its annotations, and whether it may be None."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         inner, extras, nullable = unwrapped(args[0])

@@ -12,10 +12,10 @@ import msgspec
 from robotree.vr.author.child import Child, Children, ChildRobot, Exposed, Slotted, slot_of
 from robotree.vr.author.context import running
 from robotree.vr.author.fields import Kept, declare
+from robotree.vr.author.fitting import used_commands
 from robotree.vr.author.robot import HOOKS, OPTIONS, Robot, attributes_of, expect_hooks
 from robotree.vr.author.space import Space
 from robotree.vr.author.stream import DeclaredStream
-from robotree.vr.author.usage import used_commands
 from robotree.vr.author.watch import Watch
 from robotree.vr.base.description import PLACEMENTS, Placement, SlotSpec, offered
 from robotree.vr.base.units import Unit

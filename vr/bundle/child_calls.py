@@ -20,7 +20,7 @@ from difflib import get_close_matches
 from typing import Any, NamedTuple
 
 from robotree.vr.author.child import WITHIN
-from robotree.vr.author.usage import READINGS
+from robotree.vr.author.fitting import READINGS
 from robotree.vr.base.arguments import check_argument
 from robotree.vr.base.description import CommandSpec, offered
 from robotree.vr.base.errors import BadArgument

@@ -19,7 +19,6 @@ from clips.common import CLIPSError
 
 from robotree.vr.base.written import Scalar
 from robotree.vr.scripts import expression, joins
-from robotree.vr.scripts.agenda import RuleAgenda
 from robotree.vr.scripts.expression import Form, is_word, show
 from robotree.vr.scripts.guard import CHECK
 from robotree.vr.scripts.happening import (
@@ -35,6 +34,7 @@ from robotree.vr.scripts.happening import (
     Wait,
     seconds_of,
 )
+from robotree.vr.scripts.memory import RuleAgenda, WorkingMemory
 from robotree.vr.scripts.program import (
     CHOICE,
     LONGEST_LIST,
@@ -48,7 +48,6 @@ from robotree.vr.scripts.program import (
     Rule,
     template_form,
 )
-from robotree.vr.scripts.working_memory import WorkingMemory
 
 MOST_FIRINGS = 1500
 """Rules that may fire for one happening."""

@@ -9,7 +9,7 @@ import pytest
 from robotree.tui.errors import NotInstalled
 from robotree.tui.line.otel import export
 from robotree.vr.base.history_event import HistoryEvent
-from robotree.vr.supervision.spans import CallSpan, spans_of
+from robotree.vr.supervision.past import CallSpan, spans_of
 
 
 def call(robot: str, key: str, begin: float, error: str = "") -> list[HistoryEvent]:

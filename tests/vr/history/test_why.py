@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from robotree.vr.base.history_event import HistoryEvent
-from robotree.vr.supervision.why import explain, last_motion
+from robotree.vr.supervision.past import explain, last_motion
 
 
 def event(kind: Any, robot: str, key: str, unix: float = 1.0, **more: Any) -> HistoryEvent:

@@ -1,12 +1,16 @@
-"""Why a robot moved: from a call up to who asked for it, out of the events of several hosts. Pure."""
+"""The past out of the events of several hosts: why a robot moved, and its calls as spans. Pure."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
+from typing import Any
 
 import msgspec
 
 from robotree.vr.base.history_event import HistoryEvent
+
+# -- why a robot moved: from a call up to who asked for it -------------------------------------------
 
 
 class Link(msgspec.Struct, frozen=True, kw_only=True):
@@ -92,3 +96,69 @@ def explain(key: str, found: Iterable[tuple[str, HistoryEvent]]) -> Chain | None
 def _latest(kept: Iterable[tuple[str, HistoryEvent]], kind: str, robot: str = "") -> HistoryEvent | None:
     events = [event for _, event in kept if event.kind == kind and robot in ("", event.robot)]
     return events[-1] if events else None
+
+
+# -- calls as spans ----------------------------------------------------------------------------------
+
+
+class CallSpan(msgspec.Struct, frozen=True, kw_only=True):
+    """One call that has ended."""
+
+    name: str
+    """`arm.go_to`."""
+    trace: int
+    """128 bits, from the key of the command at the top."""
+    span: int
+    """64 bits, from the key of the call."""
+    parent: int
+    """Of the call above it; 0: it is at the top."""
+    begin: int
+    """[ns] since 1970, when it was accepted."""
+    end: int
+    error: str
+    """As a sentence; empty: it ended well."""
+    attributes: dict[str, Any]
+
+
+def spans_of(events: Iterable[HistoryEvent]) -> list[CallSpan]:
+    """Return the calls among events that were accepted and have ended, the oldest first.
+
+    A command with all that it caused is one trace, whoever exports its parts: identifiers follow from the
+    keys of the calls, so hosts that export apart from each other agree.
+    """
+    accepted: dict[tuple[str, str], HistoryEvent] = {}
+    found: list[CallSpan] = []
+    for event in events:
+        if event.kind == "accepted":
+            accepted[event.robot, event.key] = event
+        elif event.kind == "ended" and (call := accepted.pop((event.robot, event.key), None)) is not None:
+            found.append(_span(call, event))
+    return sorted(found, key=lambda span: span.begin)
+
+
+def _span(call: HistoryEvent, ended: HistoryEvent) -> CallSpan:
+    above = call.key.rpartition("/")[0]
+    attributes = {
+        "robotree.key": call.key,
+        "robotree.caller": call.person or call.caller,
+        "robotree.epoch": call.epoch,
+        "robotree.page": call.page,
+        "robotree.line": call.line,
+        "robotree.began": ended.began,
+        "robotree.arguments": msgspec.json.encode(call.arguments).decode(),
+    }
+    return CallSpan(
+        name=f"{call.robot}.{call.command}",
+        trace=_number(call.key.partition("/")[0], 16),
+        span=_number(call.key, 8),
+        parent=_number(above, 8) if above else 0,
+        begin=round(call.unix * 1e9),
+        end=round(ended.unix * 1e9),
+        error=f"{ended.error}: {ended.text}" if ended.error else "",
+        attributes=attributes,
+    )
+
+
+def _number(key: str, size: int) -> int:
+    """Return a number other than 0 that follows from a key; `size` [bytes]."""
+    return int.from_bytes(hashlib.sha256(key.encode()).digest()[:size], "big") or 1
