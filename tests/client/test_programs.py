@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -104,26 +107,24 @@ class Swimmer(Kind):
     """Another kind."""
 
 
+@contextlib.contextmanager
+def member(*words: str) -> Iterator[str]:
+    """A process of the realm, which ends with the block; gives the address at which it listens."""
+    command = [*ROBOTREE, *words, "--tether"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        ready, _, address = process.stdout.readline().strip().partition(" ")
+        assert ready == "ready"
+        yield address
+
+
 @pytest.fixture(scope="module")
 def realm_of_processes(shared_place: Path) -> Iterator[Path]:
     """A lookup service and a host in processes of their own; gives the folder with the page."""
-    members = [
-        subprocess.Popen(
-            [*ROBOTREE, *words, "--tether"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        for words in (("lookup", "l1"), ("host", "h1"))
-    ]
-    for member in members:
-        assert member.stdout is not None
-        assert member.stdout.readline().startswith("ready")
-    page = shared_place / "walker.py"
-    page.write_text(WALKER)
-    yield page
-    for member in members:
-        assert member.stdin is not None
-        member.stdin.close()
-        member.wait(30)
-        member.stdout.close()  # type: ignore[union-attr] # a pipe
+    with member("lookup", "l1"), member("host", "h1"):
+        page = shared_place / "walker.py"
+        page.write_text(WALKER)
+        yield page
 
 
 @pytest.fixture
@@ -478,3 +479,47 @@ def test_the_import_takes_at_most_60_ms_more_than_python() -> None:
 
     least = [min(took(code) for _ in range(7)) for code in ("from robotree import connect", "import asyncio")]
     assert least[0] - least[1] < 0.06
+
+
+# -- each program of docs/programs.md runs as it is written, at a simulated arm with its real proxy
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "programs.md"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def arm(realm_of_processes: Path, shared_place: Path) -> Iterator[Path]:
+    """A quick simulated arm and its proxy `arm-1`; gives a folder for programs."""
+    del realm_of_processes  # lookup service and host
+    folder = shared_place / "programs"  # beside the realms' folder, `robotree`, they would import that
+    folder.mkdir()
+    shutil.copy(EXAMPLES / "move_to.py", folder)
+    simulation = ("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--speedup", "6", "--open")
+    with (
+        member(*simulation) as address,
+        member("proxy", "arm", "arm-1", "--connect", address, "--open"),
+    ):
+        yield folder
+
+
+@pytest.mark.parametrize("number", range(len(PROGRAMS)))
+def test_a_program_of_the_page_runs(arm: Path, number: int) -> None:
+    text = PROGRAMS[number]
+    if "async def main" in text:
+        text += "\n\nimport asyncio\n\nasyncio.run(main())\n"
+    program = arm / f"test_program_{number}.py"
+    program.write_text(text)
+    words = ["-m", "pytest", "-q", "-p", "no:cacheprovider"] if "def test_" in text else []
+    done = subprocess.run(
+        [sys.executable, *words, str(program)], cwd=arm, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    if "could not" in text:  # each branch of the example is taken
+        assert "refused before anything moved: " in done.stdout
+        assert "the robot could not: " in done.stdout
+
+
+def test_the_page_has_programs() -> None:
+    assert len(PROGRAMS) == 6

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from robotree.examples.open_close_lever import OpenCloseLever
 from robotree.examples.swing_held import HeldMove
 from robotree.proxy.arm import Arm
 from robotree.proxy.rover import Rover
-from robotree.testing import Fake, Page, in_turn, rehearse, watch
+from robotree.testing import Fake, Page, cell, in_turn, rehearse, watch
 from robotree.vr import BadArgument, CommandCancelled, CommandFailed, DeadlineExceeded, SlotEmpty, VrError
 from robotree.vr.base.errors import DoesNotFit, NobodyAttends, NoSuchCommand, NotInControl, Stopped, WrongKind
 from robotree.vr.core.machine import ATTENTION
@@ -331,3 +333,126 @@ def test_the_same_seed_gives_the_same_story() -> None:
 def test_a_fault_of_a_command_that_does_not_exist_is_refused() -> None:
     with pytest.raises(ValueError, match="there is no command 'lift' to refuse"):
         Fake(Arm).refuse("lift")
+
+
+# -- the simulated arm: real physics, firmware and proxy, faster than real time --------------------
+
+
+FASTER = 5.0
+"""Virtual time by processor time that authors are promised; it is about 15 on a machine of 2026."""
+
+
+@pytest.mark.speed
+def test_a_lever_is_closed_by_the_simulated_arm_faster_than_real_time() -> None:
+    began = time.process_time()
+    with rehearse(OpenCloseLever, mover=Page(MoveTo, arm=cell("arm"))) as team:
+        force = team.call("close", within=120)
+        assert 0 < force < 40
+        assert team["mover.arm"].world.lever_angle == pytest.approx(0.785, abs=0.02)
+        assert team.now > FASTER * (time.process_time() - began)
+
+
+def test_a_cable_that_is_cut_fails_the_command_and_is_found_again() -> None:
+    arm = cell("arm")
+    with rehearse(MoveTo, arm=arm) as team:
+        team.call("go_to", x=0.4, y=0, z=0.3, twist=0)
+        going = team.start("go_to", x=0.4, y=0.2, z=0.3, twist=0)
+        team.wait(0.3)
+        arm.cut()
+        with pytest.raises(CommandFailed):
+            going.result()
+        arm.mend()
+        team.wait(3.0)
+        team.call("go_to", x=0.4, y=0.2, z=0.3, twist=0)
+        assert team.call("get_info").y == pytest.approx(0.2, abs=0.005)
+
+
+def test_a_stop_stops_the_simulated_arm() -> None:
+    with rehearse(MoveTo, arm=cell("arm")) as team:
+        going = team.start("go_to", x=0.4, y=0.3, z=0.3, twist=0)
+        team.wait(0.5)
+        team.stop()
+        assert going.done
+        where = team.call("get_info").y
+        team.wait(1.0)
+        assert team.call("get_info").y == pytest.approx(where, abs=0.002)
+        with pytest.raises(Stopped):
+            team.call("go_to", x=0.4, y=0, z=0.3, twist=0)
+
+
+def test_a_kind_that_cannot_be_simulated_alone_is_refused() -> None:
+    with pytest.raises(ValueError, match="there is no simulated robot 'leg'; there is: arm, rover"):
+        cell("leg")
+
+
+# -- the plug-in of pytest, in a run of its own ----------------------------------------------------
+
+
+TESTS = """
+from robotree.proxy.arm import Arm
+from robotree.testing import Fake, rehearse, rehearse_seeds
+from robotree.vr import Child, VirtualRobot, command
+
+class Nod(VirtualRobot):
+    arm = Child("Arm")
+
+    @command
+    def nod(self) -> None:
+        self.arm.grip(action="open")
+        self.arm.go_to(x=0.3, y=0.0, z=0.2, twist=0.0)
+
+def test_that_passes() -> None:
+    team = rehearse(Nod, arm=Fake(Arm))
+    team.call("nod")
+    assert team.commanded.names == ["arm.grip", "arm.go_to"]
+
+def test_that_fails() -> None:
+    team = rehearse(Nod, arm=Fake(Arm))
+    team.call("nod")
+    assert team.commanded == [
+        ("arm", "grip", {"action": "open"}),
+        ("arm", "go_to", {"x": 0.3, "y": 0, "z": 0.25, "twist": 0}),
+    ]
+
+def test_that_nothing_is_left_open() -> None:
+    from robotree.testing.team import unended
+    assert unended() == []
+
+def test_under_seeds() -> None:
+    rehearse_seeds(Nod, "nod", arm=Fake(Arm), seeds=5, check=lambda team: print("seed", team.world.seed))
+"""
+
+
+def run(folder: Path, *options: str) -> str:
+    (folder / "test_nod.py").write_text(TESTS)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, str(folder)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+    )
+    return done.stdout + done.stderr
+
+
+def test_a_failing_test_shows_the_difference_and_the_story(tmp_path: Path) -> None:
+    output = run(tmp_path)
+    assert "3 passed" in output
+    assert "1 failed" in output
+    assert "= arm.grip(action='open')" in output
+    assert "- arm.go_to(x=0.3, y=0, z=0.25, twist=0)" in output
+    assert "+ arm.go_to(x=0.3, y=0, z=0.2, twist=0)" in output
+    assert "rehearsal 1: what was commanded" in output
+    assert "1.124 s  arm.go_to(x=0.3, y=0, z=0.2, twist=0)" in output
+
+
+def test_the_command_line_chooses_the_seed(tmp_path: Path) -> None:
+    output = run(tmp_path, "-s", "-k", "seeds", "--robotree-seed", "4321")
+    assert "seed 4321" in output
+    assert "seed 1\n" not in output
+
+
+def test_a_type_checker_reads_the_kit() -> None:
+    import robotree.testing
+
+    assert Path(robotree.testing.__file__).with_name("py.typed").exists()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator
 from functools import partial
 from pathlib import Path
@@ -18,15 +19,20 @@ from robotree.vr.agents.host import Host
 from robotree.vr.agents.moving import ANSWERED_WITHIN
 from robotree.vr.agents.run import kept_by
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import CannotMove, Denied, NotSigned, UnknownSigner, VrError
+from robotree.vr.base.errors import CannotMove, Denied, NotSigned, OldParent, UnknownSigner, VrError
 from robotree.vr.base.places import Places
-from robotree.vr.base.requests import Done, Migrate, PrepareMove, TakeRobot
+from robotree.vr.base.principal import ITSELF, Principal
+from robotree.vr.base.requests import DescribeHost, Done, HostDescribed, Migrate, PrepareMove, TakeRobot
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Gate
 from robotree.vr.bundle.build import signed as signed_page
+from robotree.vr.core.bonds import GrantedLease, Slots
+from robotree.vr.core.machine import AcceptedCall, Calls, RobotState
+from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.recovery import see_from
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.network.policy_file import PolicyFile
 from robotree.vr.running.process import Process
@@ -253,3 +259,137 @@ async def test_whoever_may_not_create_there_sends_nothing(
             with pytest.raises(Denied, match="may not create"):
                 await h1.migrate("leaf", "hall:h2")
             assert h1.has("leaf")
+
+
+# -- robots that find their place: two sites, a slow line ------------------------------------------
+
+
+DELAY = 0.1
+"""[s] one way between the sites."""
+
+
+def tour(*options: str) -> str:
+    """Return a page of a tour with options of its class."""
+    head = "class Tour(VirtualRobot):\n"
+    assert head in TOUR
+    return TOUR.replace(head, head + "".join(f"    {option}\n" for option in options))
+
+
+AUTO = 'placement = "auto"'
+
+
+def slow(hub: MemoryHub) -> None:
+    """Delay what crosses between the sites."""
+    loop = asyncio.get_running_loop()
+
+    def hold(topic: str, body: bytes) -> list[bytes]:
+        loop.call_soon_threadsafe(loop.call_later, DELAY, hub.inject, topic, body)
+        return []
+
+    hub.on_way = hold
+
+
+async def test_a_robot_moves_beside_the_one_that_it_calls_and_says_why(
+    homes: dict[str, Home], hub: MemoryHub
+) -> None:
+    near, far = homes["lab:h1"], homes["hall:h2"]
+    slow(hub)
+    robots: dict[str, RobotClient] = {}
+    for name, page in {"placed": tour(AUTO), "pinned": tour(AUTO, "pinned = True"), "asked": tour()}.items():
+        leaf = await far.create(f"leaf-{name}", LEAF)
+        robots[name] = await near.create(name, page)
+        await until(lambda key=leaf.address.key: near.site.member.presence.there(key))  # type: ignore[misc]
+        await robots[name].enslave("arm", leaf.address)
+    assert "better off" in await robots["asked"].place("advise")
+    for home in (near, far):
+        home.host.finds_places(used=lambda: 0.0)
+    advised, over = near.host.agents["asked"].runtime, asyncio.Event()
+    latest = time.monotonic() + PATIENCE
+
+    async def work(name: str) -> None:
+        """Have a robot tour until all have found out, and see that nothing is done twice or left out."""
+        tours = 0
+        while not over.is_set() and time.monotonic() < latest:
+            assert await robots[name].call("tour", {"steps": 15}, deadline=PATIENCE) == list(range(15))
+            tours += 1
+            assert far.fields(f"leaf-{name}")["done"] == list(range(15)) * tours
+            if far.has("placed") and advised.advised == "hall:h2":
+                over.set()
+
+    await asyncio.gather(*map(work, robots))
+    assert (near.has("pinned"), near.has("asked"), near.has("placed")) == (True, True, False)
+    shown = await robots["placed"].describe()
+    assert shown.placement == "auto"
+    assert shown.placed.startswith("hall:h2 is nearer than h1: its ")
+    assert (await robots["pinned"].describe()).advice == "its author has pinned it"
+    assert "hall:h2 is nearer" in (await robots["asked"].describe()).advice
+    (slot,) = (await robots["asked"].describe()).slots
+    assert slot.round_trip > 1.5 * DELAY
+    described = await ask(
+        near.site.member, near.host.address.key, DescribeHost(), HostDescribed, timeout=PATIENCE
+    )
+    assert described.ways[far.host.address.key] > 1.5 * DELAY
+    assert described.load is not None
+    assert described.load.robots == 2
+
+
+# -- who commands a robot is the same one after it has moved to another site, named as it is seen there
+
+
+LEVER = Address("robot", "lever", "1")
+NEAR = Principal(user="anna", process=7, agent=LEVER.key)
+FAR = Principal(user="anna", process=7, agent=LEVER.key, site="desk")
+HOST = Principal(user="anna", process=7, agent="host/host-1/1", site="desk")
+
+
+def state_of(holder: Principal) -> RobotState:
+    lease = GrantedLease.free("mover", unix=1e9)
+    lease.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=1e9, principal=holder)
+    lease.promise(10.0, 1)
+    calls = Calls()
+    for key, principal in (("its", holder), ("own", ITSELF)):
+        calls.live[key] = AcceptedCall(key=key, command="go", sent={}, arguments={}, principal=principal)
+    return RobotState(
+        address=Address("robot", "mover", "1"),
+        home="",
+        lease=lease,
+        slots=Slots("mover"),
+        calls=calls,
+        stop=Stop(),
+    )
+
+
+def test_its_parent_at_the_site_that_it_left_renews_its_lease_from_there() -> None:
+    state = state_of(NEAR)
+    epoch = state.lease.epoch
+    with pytest.raises(OldParent):  # as another process of the parent, which it is not
+        state.lease.renew(LEVER, epoch, ("lever",), now=1.0, unix=1e9, principal=FAR, life=1)
+    see_from(state, HOST, "plant")
+    state.lease.renew(LEVER, epoch, ("lever",), now=1.0, unix=1e9, principal=FAR, life=1)
+    assert state.lease.epoch == epoch
+    assert [call.principal for call in state.calls.live.values()] == [FAR, ITSELF]
+
+
+def test_a_parent_at_the_site_to_which_it_comes_is_near_then_and_one_at_a_third_stays_where_it_is() -> None:
+    state = state_of(FAR)
+    see_from(state, Principal(user="bob", process=9, agent="host/host-2/1", site="plant"), "desk")
+    assert state.lease.current is not None
+    assert state.lease.current.principal == NEAR
+    yard = Principal(user="anna", process=7, agent=LEVER.key, site="yard", roles=("maker",))
+    third = state_of(yard)
+    see_from(third, HOST, "plant")
+    assert third.lease.current is not None
+    assert third.lease.current.principal == yard
+
+
+def test_who_sits_at_the_machine_of_a_person_is_that_person_there() -> None:
+    state = state_of(NEAR)
+    see_from(
+        state,
+        Principal(user="cleo", process=7, agent="host/h/1", site="cleo", member=True, roles=("a",)),
+        "plant",
+    )
+    assert state.lease.current is not None
+    assert state.lease.current.principal == Principal(
+        user="cleo", process=7, agent=LEVER.key, site="cleo", member=True, roles=("a",)
+    )

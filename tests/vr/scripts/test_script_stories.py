@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import re
+from collections.abc import AsyncIterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from robotree import kinds
+from robotree.vr.agents.host import Host
+from robotree.vr.author.kind import promises_of
 from robotree.vr.base.errors import (
     BadArgument,
     BrokenScript,
@@ -15,9 +21,16 @@ from robotree.vr.base.errors import (
     NoSuchRole,
     UnderWay,
 )
+from robotree.vr.bundle import Bundle
+from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.scripts import run
 from robotree.vr.scripts.happening import Happening
+from robotree.vr.scripts.roles import read_profile, resolve
+from robotree.vr.scripts.roles.profile import shipped
 from robotree.vr.scripts.run import LONGEST
+from robotree.vr.scripts.trial import Rehearsal, read_table
+from robotree.vr.scripts.trial import run as run_trial
+from robotree.vr.scripts.when_then import read_yaml
 from tests.vr.scripts.stage import EXAMPLES, Companion, Stage
 
 GUIDE = (EXAMPLES / "guide.yaml").read_text()
@@ -296,3 +309,252 @@ async def test_a_role_can_only_narrow_a_safety_limit(stage: Stage) -> None:
         await stage.call("c1", "learn_role", source="role: hugger\nlimits: {distance: 0.1}\n")
     with pytest.raises(TooWide, match=r"role teen: speed 0.6 is wider than the 0.3 of role child"):
         await stage.call("c1", "learn_role", source="role: teen\ninherits: child\nlimits: {speed: 0.6}\n")
+
+
+# -- scripts that ask people -----------------------------------------------------------------------
+
+
+ASKS = """
+script: asker
+hears:
+  ring: {who: text}
+facts:
+  let: {who: none, in: none, by: none}
+rules:
+  - rule: ask
+    when: [ring: {who: $w}]
+    then:
+      - ask: {question: "May $w come in?", answers: [yes, later]}
+        as: $w
+  - rule: hear
+    when: [answered: {answer: $a, by: $by, conversation: $w}]
+    then: [remember: {let: {who: $w, in: $a, by: $by}}]
+"""
+
+
+async def asked(stage: Stage, *names: str) -> tuple[Any, asyncio.Task[Any]]:
+    script = await stage.script(ASKS, "asker")
+    running = stage.begin("asker")
+    await stage.until(lambda: script._run is not None and script._run.engine.happened)
+    for name in names:
+        await stage.call("asker", "ring", who=name)
+    await stage.until(lambda: not names or "question" in script.attributes)
+    return script, running
+
+
+async def test_a_question_is_shown_and_its_answer_reaches_the_rules(stage: Stage) -> None:
+    script, running = await asked(stage, "Anna")
+    shown = stage.agents["asker"].description().attributes
+    assert (shown["question"], shown["answers"]) == ("May Anna come in?", "yes | later")
+    with pytest.raises(CommandFailed, match="'perhaps' is no answer to that; there are: yes, later"):
+        await stage.call("asker", "answer", answer="perhaps")
+    await stage.call("asker", "answer", answer="later", question="Anna")
+    await stage.until(lambda: "question" not in script.attributes)
+    assert "let: {who: Anna, in: later, by: operator}" in await stage.call("asker", "facts")
+    with pytest.raises(CommandFailed, match="that question waits for no answer any more"):
+        await stage.call("asker", "answer", answer="yes", question="Anna")
+    with pytest.raises(CommandFailed, match="it asks nothing"):
+        await stage.call("asker", "answer", answer="yes")
+    await stage.call("asker", "finish")
+    await running
+
+
+async def test_several_questions_wait_in_their_order_and_each_has_one_answer(stage: Stage) -> None:
+    script, running = await asked(stage, "Anna", "Bela")
+    await stage.until(lambda: script.attributes.get("asked") == "and 1 more")
+    ends = await asyncio.gather(
+        *(stage.call("asker", "answer", answer="yes", question="Anna") for _ in range(4)),
+        return_exceptions=True,
+    )
+    assert sum(end is None for end in ends) == 1, ends
+    assert (await stage.call("asker", "facts")).count("let: {who: Anna") == 1
+    await stage.until(lambda: script.attributes.get("question") == "May Bela come in?")
+    await stage.call("asker", "finish")
+    await running
+    assert "question" not in script.attributes, "a script that has ended asks nothing"
+
+
+def test_a_table_of_tests_knows_questions_and_answers() -> None:
+    played = Rehearsal(read_yaml(ASKS, "asker.yaml"))
+    assert played.play("ring Anna").orders == ('ask "May Anna come in?" yes later',)
+    assert played.play("answered yes as Anna").fault == ""
+    assert "(let (who Anna) (in yes) (by operator))" in " ".join(played.engine.facts())
+
+
+NUMBERS = """
+script: foreman
+hears:
+  order: {number: number}
+facts:
+  open: {number: 0}
+rules:
+  - rule: ask
+    when: [order: {number: $n}]
+    then:
+      - remember: {open: {number: $n}}
+      - ask: "Shall order $n begin?"
+        as: $n
+      - wait: {name: silence, for: 1 min, conversation: $n}
+  - rule: hear
+    when: [answered: {answer: $a, conversation: $n}, open: {number: $n}]
+    then: [log: "order $n: $a"]
+  - rule: give-up
+    when: [timer: {name: silence, conversation: $n}, open: {number: $n}]
+    then: [cancel: $n, log: "nobody answers of order $n"]
+"""
+
+
+@pytest.mark.parametrize("number", ["7", "2.5"])
+def test_what_is_asked_under_a_number_is_heard_under_that_number(number: str) -> None:
+    """A conversation is a text on its way, and a number again for the rules."""
+    played = Rehearsal(read_yaml(NUMBERS, "foreman.yaml"))
+    assert played.play(f"order {number}").fault == ""
+    assert played.play(f"answered yes from Anna as {number}").fired == ("hear",)
+    assert played.play(f"timer silence as {number}").fired == ("give-up",)
+
+
+@pytest.mark.parametrize(
+    ("action", "reason"),
+    [
+        ("ask: {answers: [a]}", "the question"),
+        ("ask: {question: x, answer: [a]}", "ask has no 'answer'"),
+        ("ask: x\n        with: {a: b}", "only `do` has `with`"),
+    ],
+)
+def test_a_question_that_cannot_be_asked_is_refused(action: str, reason: str) -> None:
+    source = f"script: s\nrules:\n  - rule: r\n    when: [start]\n    then:\n      - {action}\n"
+    with pytest.raises(BrokenScript, match=reason):
+        read_yaml(source, "s.yaml")
+
+
+# -- what the guide shows is so: its script and its table are taken from it and played -------------
+
+
+PAGE = (Path(__file__).parents[3] / "docs" / "scripts.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+
+
+def test_the_first_script_of_the_guide_passes_the_table_of_the_guide() -> None:
+    script, table, _ = BLOCKS
+    program = read_yaml(script, "doorman.yaml")
+    name, trials = read_table(table, "doorman.test.yaml")
+    assert name == "doorman.yaml"
+    played = [one for trial in trials for one in run_trial(program, trial)]
+    assert [one.fault for one in played] == [""] * 4
+
+
+def test_the_dry_run_of_the_guide_greets_whoever_comes() -> None:
+    rehearsal = Rehearsal(read_yaml(BLOCKS[0], "doorman.yaml"))
+    assert rehearsal.play('bell "Mister Li"').orders == ('do robot say text="Welcome, Mister Li"',)
+
+
+def test_the_role_of_the_guide_can_be_played() -> None:
+    waiter = read_profile(BLOCKS[2], "waiter.yaml")
+    known = {**shipped(), waiter.name: waiter}
+    role = resolve("waiter", known)
+    assert role.chain == ("waiter", "butler", "man")
+    assert role.manner["voice"] == "man-2"
+    assert role.manner["pitch"] == 0.8
+    assert role.words["Welcome"] == "Your table is ready"
+
+
+def test_the_companion_of_the_guide_loads_and_plays_its_roles() -> None:
+    (page,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    robot = Bundle(page, "companion.py").create("companion")
+    assert robot.play(role="child") == "child"
+    assert robot.way_to("wave").__name__ == "_wave_as_child"
+    assert robot.manner_of("wave").number("speed", 0.5) == 0.3
+
+
+def test_the_guide_names_the_acts_places_and_things_of_the_companion() -> None:
+    (section,) = re.findall(r"## What the companion can do\n(.*?)\n## ", PAGE, re.DOTALL)
+    commands = {one.name: one for one in promises_of(kinds.Companion)}
+    rows = re.findall(r"^\| (`.*?) \|", section, re.MULTILINE)
+    acts = {act for row in rows for act in re.findall(r"`(\w+)`", row)}
+    others = {"play", "learn_role", "roles", "listen", "heard", "reach"}
+    assert acts == commands.keys() - others
+    for act, argument, title in (("go_to", "place", "Places"), ("take", "what", "Things")):
+        (told,) = re.findall(rf"{title}: (.*?)(?:\.|$)", section)
+        assert set(re.findall(r"`([\w ]+)`", told)) == {*commands[act].by_name[argument].choices}
+
+
+# -- scripts of both forms, made by a host of their source, as `robotree create` does it -----------
+
+
+ITSELF = """
+script: watch
+start: {itself: yes}
+partners: {robot: Companion}
+rules:
+  - rule: begin
+    when: [start]
+    then: [do: [robot, say, I am awake]]
+  - rule: over
+    when: [done: {act: say}]
+    then: [end: said]
+"""
+
+
+class Hosted(Stage):
+    """A stage with a host on it."""
+
+    async def open(self) -> None:
+        self.host = Host(self.network.join("host"), "host-1")
+        await self.host.start()
+
+    async def create(self, bundle: Bundle, name: str) -> RobotClient:
+        made = await HostClient(self.operator, self.host.address).create(bundle, name)
+        self.agents[name] = self.host.agents[name]
+        return RobotClient(self.operator, made.address)
+
+
+@pytest.fixture
+async def hosted() -> AsyncIterator[Hosted]:
+    hosted = Hosted()
+    await hosted.open()
+    yield hosted
+    await hosted.host.close()
+    await hosted.close()
+
+
+async def test_rules_of_clips_come_from_a_host_and_lead_a_robot(hosted: Hosted) -> None:
+    robot = await hosted.companion()
+    client = await hosted.create(Bundle.read(EXAMPLES / "receptionist.clp"), "desk")
+    described = await client.describe()
+    assert described.kinds[:2] == ("Receptionist", "Script")
+    assert described.attributes["condition"].startswith("inactive: needs ")
+    (slot,) = (one.name for one in described.slots if not one.optional)
+    await hosted.enslave("desk", slot, "c1")
+    running = hosted.begin("desk")
+    script = hosted.agents["desk"].robot
+    await hosted.until(lambda: script._run is not None and script._run.engine.happened >= 2)
+    await hosted.call("desk", "person_seen", who="Anna", place="kitchen")
+    await hosted.until(lambda: "go_to kitchen at 0.5" in robot.done)
+    await hosted.call("desk", "finish")
+    assert await running == "finished on request"
+
+
+async def test_a_script_that_starts_itself_waits_for_its_partner_and_leads_it(hosted: Hosted) -> None:
+    await hosted.create(Bundle(ITSELF, "watch.yaml"), "watch")
+    script = hosted.agents["watch"].robot
+    await hosted.until(lambda: script._run is not None, within=5.0)
+    assert script.condition == "inactive: needs robot (Companion)"
+    robot = await hosted.companion()
+    await hosted.enslave("watch", "robot", "c1")
+    await hosted.until(lambda: script.attributes.get("ended") == "said")
+    assert robot.done == ["say I am awake [plain]"]
+
+
+@pytest.mark.parametrize(
+    ("source", "name", "sentence"),
+    [
+        ("(defrule a => (system ls))", "bad.clp", r"bad.clp:1:15: .*system"),
+        ("script: bad\n\tpartners: {}\n", "bad.yaml", r"bad.yaml:2:1: .*tab"),
+    ],
+)
+async def test_a_host_says_where_a_script_is_wrong(
+    hosted: Hosted, source: str, name: str, sentence: str
+) -> None:
+    with pytest.raises(BrokenScript, match=sentence):
+        await hosted.create(Bundle(source, name), "bad")
+    assert not hosted.host.agents

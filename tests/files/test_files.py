@@ -24,6 +24,7 @@ from robotree.files import (
     replace,
     text,
 )
+from robotree.files.database import OwnedDatabase
 
 root_only = pytest.mark.skipif(os.geteuid() != 0, reason="only root can play a second user")
 NOBODY = 65534
@@ -295,3 +296,30 @@ def test_with_a_mode_the_name_itself_is_replaced(tmp_path: Path, stands: str) ->
     replace(path, b"secret", 0o600)
     assert (path.read_bytes(), mode(path), path.is_symlink()) == (b"secret", 0o600, False)
     assert (tmp_path / "precious").read_text() == "kept"
+
+
+# -- a database that one process owns: what a block writes is kept whole, or not at all ------------
+
+
+def test_a_block_that_fails_has_written_nothing_and_the_next_one_can_begin(tmp_path: Path) -> None:
+    file = OwnedDatabase(
+        tmp_path / "numbers.db",
+        "CREATE TABLE number (value INTEGER);",
+        mark=1,
+        version=1,
+        unusable=OSError,
+        damaged=OSError,
+        full=OSError,
+    )
+
+    def write(value: int) -> None:
+        with file.transaction():
+            file.execute("INSERT INTO number VALUES (?)", (value,))
+            if value == 1:
+                raise ValueError("on purpose")
+
+    with pytest.raises(ValueError, match="on purpose"):
+        write(1)
+    write(2)
+    assert [*file.execute("SELECT value FROM number")] == [(2,)]
+    file.close()

@@ -1,24 +1,218 @@
-"""Roles that services lend: robots play them while the service is listed, and forget them when it leaves."""
+"""Roles: what they inherit, acts that wait for them, and those that services lend."""
 
 from __future__ import annotations
 
 import contextlib
 import signal
+import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar
 
 import pytest
 
 from robotree.client.blocking import Realm
+from robotree.tui.line import verbs
+from robotree.tui.line.carrying import Silent
+from robotree.tui.line.grammar import Line
 from robotree.vr import Service, command
-from robotree.vr.base.errors import BrokenScript, BrokenSource, NoSuchRole, VrError
+from robotree.vr.base.address import Address
+from robotree.vr.base.description import BondSpec, CommandSpec, RobotDescription
+from robotree.vr.base.errors import BrokenScript, BrokenSource, CommandFailed, NoRoles, NoSuchRole, VrError
 from robotree.vr.bundle import Bundle
-from robotree.vr.scripts.roles import read_profile
+from robotree.vr.scripts.roles.profile import read_profile, resolve, shipped
 from tests.plant import Machine
-from tests.vr.scripts.stage import Companion, Listed
+from tests.vr.scripts.stage import Companion, Listed, Stage
+from tests.vr.scripts.test_script_stories import HEAD
 from tests.waiting import until, wait_until
+
+# -- roles as they are written: inheritance, and one sentence for what cannot be -------------------
+
+
+def test_five_roles_come_with_robotree_and_each_can_be_resolved() -> None:
+    known = shipped()
+    assert set(known) == {"butler", "maid", "man", "woman", "child"}
+    assert len({resolve(name, known).manner["voice"] for name in known}) == 5
+
+
+def test_a_role_says_what_it_does_not_inherit() -> None:
+    butler = resolve("butler", shipped())
+    assert butler.manner["pitch"] == 0.8, "of a man"
+    assert butler.acts["wave"] == {"times": 1, "height": 0.5}, "its own"
+    assert butler.acts["nod"] == {"times": 1}, "of a man"
+
+
+@pytest.mark.parametrize(
+    ("sources", "sentence"),
+    [
+        (["role: a\ninherits: a"], "roles inherit in a circle: a → a"),
+        (["role: a\ninherits: b", "role: b\ninherits: c", "role: c\ninherits: a"], "circle: a → b → c → a"),
+        (["role: a\ninherits: king"], "role a inherits from 'king', which is not known; known: a"),
+        (["role: [a, b]"], "a role has one name: two roles cannot be played at once"),
+        (["role: a\ninherits: [b, c]"], "a role inherits from one role"),
+        (["inherits: b"], "`role: NAME` is missing"),
+        (["role: a\nlimits: {speed: fast}"], "limit speed must be a number"),
+        (["role: a\nacts: {go: 5}"], "an act must be written as `name: value`"),
+        (["role: a\nvoice: x"], "a role has no 'voice'; it has: role, inherits, doc, manner"),
+        (["role: a\n\tdoc: x"], "role:2:1: a tab cannot indent here: use spaces"),
+    ],
+)
+def test_a_role_that_cannot_be_is_refused_in_one_sentence(sources: list[str], sentence: str) -> None:
+    with pytest.raises(BrokenScript) as caught:
+        resolve("a", {one.name: one for one in (read_profile(source, "role") for source in sources)})
+    assert sentence in str(caught.value)
+
+
+class RealmClient:
+    """Robots as they describe themselves; keeps what they were asked."""
+
+    def __init__(self, *robots: RobotDescription) -> None:
+        self.robots = {one.name: one for one in robots}
+        self.asked: list[tuple[str, str, dict[str, str]]] = []
+
+    async def describe(self, name: str) -> RobotDescription:
+        return self.robots[name]
+
+    async def call(self, name: str, command: str, arguments: dict[str, str]) -> str:
+        self.asked.append((name, command, arguments))
+        return arguments["role"]
+
+
+def robot(name: str, *commands: str, under: str = "", slot: str = "") -> RobotDescription:
+    bond = BondSpec(parent=Address("robot", under, "1"), slot=slot, epoch=1, remaining=1.0) if under else None
+    specs = tuple(CommandSpec(name=command) for command in commands)
+    return RobotDescription(address=Address("robot", name, "1"), kinds=("X",), commands=specs, bond=bond)
+
+
+async def test_the_verb_reaches_a_robot_through_those_who_command_it() -> None:
+    realm_client = RealmClient(
+        robot("boss", "play"),
+        robot("guide", "play", under="boss", slot="team"),
+        robot("companion", "play", under="guide", slot="robot"),
+    )
+    outcome = await verbs.role(realm_client, Line("role", {"NAME": "companion", "ROLE": "child"}), Silent())
+    assert realm_client.asked == [("boss", "play", {"role": "child", "at": "team.robot"})]
+    assert outcome.text == "companion plays child from its next act on"
+
+
+async def test_the_verb_names_the_file_of_a_role_that_cannot_be_learned(tmp_path: Path) -> None:
+    class Strict(RealmClient):
+        async def call(self, name: str, command: str, arguments: dict[str, str]) -> str:
+            if command == "learn_role":
+                read_profile(arguments["source"], "role")
+            return await super().call(name, command, arguments)
+
+    file = tmp_path / "waiter.yaml"
+    file.write_text("role: waiter\n\tinherits: butler\n")
+    realm_client = Strict(robot("companion", "play", "learn_role"))
+    with pytest.raises(BrokenScript, match=r"waiter.yaml:2:1: a tab cannot indent here"):
+        await verbs.role(realm_client, Line("role", {"NAME": "companion", "ROLE": str(file)}), Silent())
+
+
+async def test_the_verb_says_who_passes_no_role_on() -> None:
+    realm_client = RealmClient(
+        robot("square", "move"), robot("companion", "play", under="square", slot="robot")
+    )
+    with pytest.raises(
+        NoRoles, match="companion cannot change its role: square commands it and passes no role on"
+    ):
+        await verbs.role(realm_client, Line("role", {"NAME": "companion", "ROLE": "child"}), Silent())
+
+
+# -- an act begins when its partner plays the role that was given before it, however long that takes
+
+
+WAVE = HEAD + "  - rule: wave\n    when: [go]\n    then: [role: {robot: child}, do: robot.wave]\n"
+STOP = "  - rule: stop\n    when: [halt]\n    then: [cancel: WHAT]\n"
+ENDS = (
+    "  - rule: refused\n    when: [failed: {act: wave, reason: $r}]\n    then: [end: $r]\n"
+    "  - rule: without\n    when: [failed: {act: play}]\n    then: [log: it plays nothing]\n"
+)
+
+
+class Slow(Companion):
+    """A companion that takes a role when the test says so."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.asked, self.ready = threading.Event(), threading.Event()
+        self.refuses = False
+
+    @classmethod
+    def kinds(cls) -> tuple[str, ...]:
+        return ("Companion", *super().kinds())
+
+    @command(effect="read")
+    def play(self, role: str, at: Annotated[str, "as in RolePlayer"] = "") -> str:
+        """Play a role, slowly."""
+        self.asked.set()
+        while not self.ready.is_set():
+            self.sleep(0.005)
+        if self.refuses:
+            raise RuntimeError("the costume is missing")
+        self.note(f"plays {role}")
+        return super().play(role, at)
+
+
+async def led(stage: Stage, source: str) -> tuple[Slow, Any, Any]:
+    robot = Slow("c1")
+    await stage.start(robot)
+    script = await stage.script(source)
+    await stage.enslave("guide", "robot", "c1")
+    running = stage.begin("guide")
+    await stage.until(lambda: script.condition == "active" and script._run.engine.happened >= 2, 60.0)
+    return robot, script, running
+
+
+async def test_an_act_waits_until_its_partner_plays_the_role_that_was_given_before_it(stage: Stage) -> None:
+    robot, script, _ = await led(stage, WAVE)
+    await stage.call("guide", "go", place="x")
+    await stage.until(robot.asked.is_set, 60.0)
+    await stage.until(lambda: script._run.under_way == 2, 60.0)
+    assert robot.done == []
+    robot.ready.set()
+    await stage.until(lambda: len(robot.done) == 2, 60.0)
+    assert robot.done == ["plays child", "wave with both arms"]
+
+
+async def test_an_act_of_a_role_that_is_refused_fails_and_is_not_done_in_the_old_manner(stage: Stage) -> None:
+    robot, _, running = await led(stage, WAVE + ENDS)
+    robot.refuses = True
+    robot.ready.set()
+    await stage.call("guide", "go", place="x")
+    assert "robot does not play the role for it: " in await running
+    assert robot.done == []
+
+
+async def test_a_role_that_is_refused_ends_a_script_without_a_rule_for_that(stage: Stage) -> None:
+    robot, _, running = await led(stage, WAVE)
+    robot.refuses = True
+    robot.ready.set()
+    await stage.call("guide", "go", place="x")
+    with pytest.raises(CommandFailed, match=r"robot.play failed .*costume is missing.* no rule handles it"):
+        await running
+    assert robot.done == []
+
+
+@pytest.mark.parametrize("what", ["robot", "role"])
+async def test_an_act_whose_role_is_cancelled_does_not_begin(stage: Stage, what: str) -> None:
+    source = (WAVE + STOP.replace("WHAT", what) + ENDS).replace("text}\n", "text}\n  halt: {}\n")
+    robot, script, running = await led(stage, source)
+    await stage.call("guide", "go", place="x")
+    await stage.until(robot.asked.is_set, 60.0)
+    await stage.until(lambda: script._run.under_way == 2, 60.0)
+    await stage.call("guide", "halt")
+    if what == "role":
+        assert await running == "robot does not play the role for it: that was cancelled"
+    else:
+        await stage.until(lambda: script._run.under_way == 0, 60.0)
+    robot.ready.set()
+    assert robot.done == []
+
+
+# -- roles that services lend: played while the service is listed, and forgotten when it leaves ----
+
 
 GREETER = Path(__file__).parents[3] / "examples/services/greeter.py"
 
