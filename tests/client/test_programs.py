@@ -44,6 +44,7 @@ from robotree.vr.base.errors import (
     TransportClosed,
 )
 from robotree.vr.core.machine import ATTENTION
+from robotree.vr.network.realms import all_realms, robots_in
 from tests.command_line import ROBOTREE
 from tests.waiting import wait_until
 
@@ -153,6 +154,7 @@ def test_the_robots_of_a_realm_are_short_in_a_notebook_and_printed_as_trees(
 
 
 def test_a_realm_in_which_nobody_is_names_those_that_have_robots(realm: Realm) -> None:
+    wait_until(lambda: any("ann" in robots_in(folder) for folder in all_realms()), "it is written down")
     with connect("nobodys") as elsewhere:
         named = rf"in realm 'nobodys', but there is .*{realm.name} \([^)]*\bann\b"
         for look in (elsewhere.ls, elsewhere.tree):
