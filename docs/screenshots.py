@@ -34,8 +34,8 @@ from robotree.tui.line.actions import BY_VERB
 from robotree.tui.processes.alarm_file import alarms_of
 from robotree.tui.processes.crew import Crew
 from robotree.tui.screen.app import Supervisor
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.user_app import UserApp
+from robotree.tui.seen.selection import Place
 from robotree.tui.wire.security import realm_key
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import VrError

@@ -12,7 +12,7 @@ from robotree.proxy.kinds import KINDS
 from robotree.sim.kinds import KINDS as SIMULATED
 from robotree.tui.panels.author import RobotPanel
 from robotree.tui.realm_file.reading import read_file
-from robotree.tui.screen import keymap, theme_files
+from robotree.tui.screen import keymap, themes
 from robotree.vr import VirtualRobot
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.panel import read_panel
@@ -46,7 +46,7 @@ def test_a_part_of_a_realm_file_is_one(page: str, names: list[str]) -> None:
 def test_the_keys_and_the_theme_of_the_guide_are_taken() -> None:
     (_, keys), (_, theme) = shown("your-own-screen.md", "toml")
     assert keymap.read(keys, "keys.toml").keys("enslave") == ("E",)
-    assert theme_files.read(theme, "desk", "desk.toml").primary == "#005F87"
+    assert themes.read(theme, "desk", "desk.toml").primary == "#005F87"
 
 
 def test_the_panels_of_the_guide_are_panels() -> None:

@@ -12,7 +12,7 @@ import pytest
 from textual.widgets import Button
 
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.cameras import PictureView
 
 AXLE_X, AXLE_Z, RADIUS = 0.42, 0.08, 0.20
 """[m] The lever's axle and the length to its handle (docs/cell.md)."""

@@ -16,7 +16,7 @@ from robotree.tui.line import alarming
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome
 from robotree.tui.processes.alarm_file import FILE, alarms_of
-from robotree.tui.seen.alarms import Alarm
+from robotree.tui.seen.watched import Alarm
 from robotree.vr.network.realms import state_home
 from tests.tui.test_verbs import Listener
 from tests.waiting import until

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robotree.sim.physics.camera import FAR, Renderer
 from robotree.sim.physics.engine import mujoco
 from robotree.sim.testing import ArmBench, RoverBench
-from robotree.tui.seen.geometry import on_plane, ray, seen_at
+from robotree.tui.seen.frames import on_plane, ray, seen_at
 from robotree.vr.base.requests import CameraLens
 
 WIDTH, HEIGHT = 64, 36

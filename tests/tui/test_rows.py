@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from robotree.tui.seen import matching, status
-from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.rows import (
     GAP,
     GOES,
@@ -27,6 +26,7 @@ from robotree.tui.seen.rows import (
     row,
 )
 from robotree.tui.seen.store import Store
+from robotree.tui.seen.watched import Alarm
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
 from robotree.vr.base.presence import Held

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from robotree.tui.errors import BadTheme
-from robotree.tui.screen import theme_files
-from robotree.tui.screen.theme_files import read
-from robotree.tui.screen.themes import DARK, LIGHT, SIXTEEN, chosen
+from robotree.tui.screen import themes
+from robotree.tui.screen.themes import DARK, LIGHT, SIXTEEN, chosen, read
 
 
 def test_a_file_changes_the_colours_that_it_names_and_no_others() -> None:
@@ -54,10 +53,10 @@ def test_files_are_found_beside_the_file_of_keys_and_cannot_replace_themes_of_ou
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert theme_files.load() == ()
-    theme_files.folder().mkdir(parents=True)
-    (theme_files.folder() / "desk.toml").write_text('[colours]\nprimary = "#ffffff"\n')
-    assert [theme.name for theme in theme_files.load()] == ["desk"]
-    (theme_files.folder() / "light.toml").write_text("")
+    assert themes.load() == ()
+    themes.folder().mkdir(parents=True)
+    (themes.folder() / "desk.toml").write_text('[colours]\nprimary = "#ffffff"\n')
+    assert [theme.name for theme in themes.load()] == ["desk"]
+    (themes.folder() / "light.toml").write_text("")
     with pytest.raises(BadTheme, match="light is a theme of robotree"):
-        theme_files.load()
+        themes.load()

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from robotree.tui.errors import AlarmsUnusable
 from robotree.tui.processes.alarm_file import AlarmFile
 from robotree.tui.seen import plotting
-from robotree.tui.seen.alarms import Alarm, acknowledged, judged
 from robotree.tui.seen.instruments import bars
 from robotree.tui.seen.plotting import Canvas, Curve, Frame
 from robotree.tui.seen.series import Series, Ticked
 from robotree.tui.seen.store import Store
+from robotree.tui.seen.watched import Alarm, acknowledged, judged
 from robotree.vr.base.readable import figure, finest
 from robotree.vr.base.requests import State
 

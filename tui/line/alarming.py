@@ -13,8 +13,7 @@ from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
 from robotree.tui.processes.alarm_file import AlarmFile, alarms_of
 from robotree.tui.seen import instruments
-from robotree.tui.seen.alarms import Alarm, Sign, acknowledged, judged
-from robotree.tui.seen.watched import WatchedReadings, judging
+from robotree.tui.seen.watched import Alarm, Sign, WatchedReadings, acknowledged, judged, judging
 from robotree.vr.base.readable import IN_DEGREES, apart, entered
 
 if TYPE_CHECKING:  # help must not wait for the agents

@@ -13,7 +13,7 @@ import msgspec
 
 from robotree.files import alone, private_folder, read, replace
 from robotree.tui.errors import AlarmsUnusable
-from robotree.tui.seen.alarms import Alarm
+from robotree.tui.seen.watched import Alarm
 from robotree.vr.network.realms import state_home
 
 FILE = "alarms.json"

@@ -30,9 +30,9 @@ from robotree.tui.recording.transport import RecordedTransport
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.driver import LEAVE, OutlivingDriver
 from robotree.tui.screen.pages.dialogs import Broken, Choosing, Reading
-from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.supervise import supervise
 from robotree.tui.seen.cells import seen
+from robotree.tui.seen.selection import NOWHERE, Place
 from robotree.tui.terminal import no_screen, put
 from robotree.vr.supervision.realm_client import RealmClient
 

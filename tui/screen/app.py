@@ -27,14 +27,13 @@ from robotree.tui.screen import asking
 from robotree.tui.screen.driver import outliving
 from robotree.tui.screen.jog import bounds
 from robotree.tui.screen.operator_app import LOOKS, OperatorApp
-from robotree.tui.screen.pages.attend import AttendDialog
-from robotree.tui.screen.pages.dialogs import Reading
+from robotree.tui.screen.pages.dialogs import AttendDialog, Reading
 from robotree.tui.screen.pages.main import FIRST, MainPage, main_page
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.seen import wording
 from robotree.tui.seen.rows import natural
+from robotree.tui.seen.selection import NOWHERE, Place
 from robotree.tui.terminal import STEERING
 from robotree.vr.base.errors import VrError
 

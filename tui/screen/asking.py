@@ -28,10 +28,10 @@ from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.permits import PermitsPage
 from robotree.tui.screen.pages.readings import ReadingsPage
 from robotree.tui.screen.pages.where import WherePage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.prompt import Kind
 from robotree.tui.seen import wording
 from robotree.tui.seen.frames import frame_of
+from robotree.tui.seen.selection import Place
 from robotree.tui.seen.store import Store
 from robotree.tui.words import say
 

@@ -17,7 +17,7 @@ from textual.drivers import linux_driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
 
-from robotree.tui.screen.keys_in_order import KeysInOrder
+from robotree.tui.screen.key_guard import KeysInOrder
 from robotree.tui.terminal import forget_the_reader
 
 log = logging.getLogger(__name__)

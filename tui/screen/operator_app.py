@@ -32,18 +32,17 @@ from robotree.tui.processes.choices import Choices
 from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.processes.terminal_graphics import CELLS
 from robotree.tui.processes.wire_watch import WireMessage, WireWatch
-from robotree.tui.screen import theme_files
+from robotree.tui.screen import themes
 from robotree.tui.screen.error_boundary import ErrorBoundary
 from robotree.tui.screen.foresight import Foresight
 from robotree.tui.screen.key_guard import KeyGuard
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.palette import reduced_theme
-from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.themes import OURS, REDUCED, SIXTEEN, chosen
 from robotree.tui.seen import wording
 from robotree.tui.seen.errand import CallListener
 from robotree.tui.seen.feeding import Feed
-from robotree.tui.seen.selection import Selection
+from robotree.tui.seen.selection import NOWHERE, Place, Selection
 from robotree.tui.seen.series import Reading, named, reading_of
 from robotree.tui.seen.store import Store, Weight
 from robotree.tui.seen.streams import HeardStreams
@@ -192,7 +191,7 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         elif name in self.available_themes:
             self.theme = name
         else:
-            own = f"one of yours is a file {theme_files.folder()}/NAME.toml, read at the start"
+            own = f"one of yours is a file {themes.folder()}/NAME.toml, read at the start"
             self.tell(f"there is no theme {name!r}; there are {', '.join(known)}; {own}", "error")
             return
         self.looks.choose("theme", name)

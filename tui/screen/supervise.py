@@ -27,7 +27,7 @@ from robotree.tui.processes.choices import LOOKS, STEPS, Choices
 from robotree.tui.processes.layout import layout_file
 from robotree.tui.processes.state_files import state_file
 from robotree.tui.processes.terminal_graphics import pictures_here
-from robotree.tui.screen import keymap, theme_files
+from robotree.tui.screen import keymap, themes
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.seen.store import Store
 from robotree.tui.terminal import complain
@@ -103,12 +103,12 @@ async def supervise(
 
 async def _show(make: Callable[..., Supervisor], realm: str, store: Store) -> int:
     keys, steps, layout = keymap.load(), Choices(state_file(realm, STEPS)), layout_file()
-    themes, looks = theme_files.load(), Choices(state_file(realm, LOOKS))
+    own, looks = themes.load(), Choices(state_file(realm, LOOKS))
     calm = os.environ.get(CALM, "") not in {"", "0"}
     task, ends = asyncio.current_task(), list[float]()
     while True:
         app = make(store=store, keymap=keys, calm=calm, steps=steps, layout=layout)
-        app.wear(looks, themes)
+        app.wear(looks, own)
         if not app.is_web:
             app.pictures = pictures_here()
         code = await app.run_async()

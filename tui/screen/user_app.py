@@ -17,8 +17,8 @@ from robotree.tui.screen.app import Supervisor, program_keys
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.user import UserPage
-from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.user_desk import UserDesk
+from robotree.tui.seen.selection import NOWHERE, Place
 
 SHOWN = frozenset({"stop", "resume", "role"})
 """What this program asks for as operators do, beside what it does in its own way."""

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from robotree.tui.errors import SupervisorError
 from robotree.tui.seen import absence, unlisted
-from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.store import Away, SeenGroup, Store
-from robotree.tui.seen.watched import judging
+from robotree.tui.seen.watched import Alarm, judging
 from robotree.vr.base.address import Address, Role, shown_address
 from robotree.vr.base.errors import NoSuchPermit, TransportClosed, VrError
 from robotree.vr.network.permit_file import permits_beside

@@ -14,9 +14,9 @@ from functools import lru_cache
 from typing import Any, Literal, cast, get_args
 
 from robotree.tui.seen import matching, wording
-from robotree.tui.seen.alarms import Alarm
 from robotree.tui.seen.status import PROBLEMS, STATUSES, UNGUARDED, Status, span
 from robotree.tui.seen.store import Store
+from robotree.tui.seen.watched import Alarm
 from robotree.vr.base.readable import entered
 
 SortOrder = Literal["tree", "problems", "name", "kind", "state", "by", "host"]

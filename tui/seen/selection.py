@@ -2,7 +2,7 @@
 
 It stays on its robot while others come, go or are sorted, and goes to what was just made. Where it had to go
 elsewhere by itself, an action that a person asks for in that half second may be meant for the robot before:
-it is refused.
+it is refused. `Place` is what keys are about: a robot, an empty slot, or nothing.
 """
 
 from __future__ import annotations
@@ -71,3 +71,17 @@ class Selection:
         if not self.before or asked - self.changed >= LOOK:
             return ""
         return f"the selection has just gone from {self.before} to {self.name or 'nobody'}: press again"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A robot and the slot that it is in, or a slot that is empty."""
+
+    name: str
+    """The robot in this place; empty: nobody."""
+    parent: str = ""
+    slot: str = ""
+
+
+NOWHERE = Place("")
+"""Nothing is selected."""

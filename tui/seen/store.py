@@ -26,8 +26,8 @@ from robotree.vr.base.readable import apart
 from robotree.vr.base.requests import STOPPED, HostDescribed, Level, LoggedLine, State
 
 if TYPE_CHECKING:  # help must not wait for the agents
-    from robotree.tui.seen.alarms import Alarm
     from robotree.tui.seen.status import Condition
+    from robotree.tui.seen.watched import Alarm
     from robotree.vr.base.permit import Permit
     from robotree.vr.supervision.realm_client import Elsewhere
 

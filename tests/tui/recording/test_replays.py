@@ -29,8 +29,8 @@ from robotree.tui.recording.tape import (
 )
 from robotree.tui.recording.transport import RecordedTransport
 from robotree.tui.screen.pages.main import main_page
-from robotree.tui.screen.widgets.picture import PictureView
-from robotree.tui.seen.alarms import Alarm
+from robotree.tui.screen.widgets.cameras import PictureView
+from robotree.tui.seen.watched import Alarm
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, CommandSpec, RobotDescription
 from robotree.vr.base.errors import VrError

@@ -19,16 +19,16 @@ from textual.widget import Widget
 from textual.widgets import Button, Input
 
 from robotree.tui.processes.layout import LayoutFile
-from robotree.tui.screen import key_guard, keys_in_order
+from robotree.tui.screen import key_guard
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.keymap import Keymap
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.user_app import UserApp
-from robotree.tui.screen.widgets import flash
+from robotree.tui.screen.widgets import log_pane
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen import feeding
+from robotree.tui.seen.selection import Place
 from robotree.vr.agents import publisher, shared
 from tests.screen import at_rest, press, shows, text_of
 from tests.waiting import PATIENCE
@@ -234,13 +234,13 @@ def calm(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have no key overtake the one before it because the machine is busy."""
-    monkeypatch.setattr(keys_in_order, "LIMIT", PATIENCE)
+    monkeypatch.setattr(key_guard, "LIMIT", PATIENCE)
 
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """See at once what comes unasked and as long as it takes; hear soon how robots are."""
-    monkeypatch.setattr(flash, "STAYS", PATIENCE)
+    monkeypatch.setattr(log_pane, "STAYS", PATIENCE)
     monkeypatch.setattr(key_guard, "LOOK", 0.0)
     monkeypatch.setattr(feeding, "PAUSE", 0.05)
     monkeypatch.setattr(publisher, "QUICK", 0.03)

@@ -17,9 +17,9 @@ from robotree.tui.screen.app import CONTROL_FILTER, Supervisor
 from robotree.tui.screen.pages.dialogs import Choosing, Confirm, Modal, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog, Opening
 from robotree.tui.screen.pages.page import Page
-from robotree.tui.screen.widgets.choice import Choice
+from robotree.tui.screen.pages.panel import Branch
 from robotree.tui.screen.widgets.command_form import CommandForm
-from robotree.tui.screen.widgets.side_pane import Branch
+from robotree.tui.screen.widgets.field_row import Choice
 from robotree.tui.seen.cells import seen
 from robotree.tui.terminal import STEERING
 from robotree.vr.base.address import Address

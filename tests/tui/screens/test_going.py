@@ -17,10 +17,10 @@ from robotree.tui.line.verbs import Outcome
 from robotree.tui.processes.place_files import NamedPlace, places_beside
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
 from robotree.tui.screen.pages.main import MainPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cached_text import CachedText
-from robotree.tui.screen.widgets.plan_view import PlanView
-from robotree.tui.screen.widgets.pointed_picture import PointedPicture
+from robotree.tui.screen.widgets.plan_pane import PlanView
+from robotree.tui.screen.widgets.views_pane import PointedPicture
+from robotree.tui.seen.selection import Place
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import HeldByOperator
 from robotree.vr.network.policy_file import PolicyFile

@@ -11,8 +11,8 @@ from textual.widgets import OptionList
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.group import GroupPanel
 from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.panel import SidePane
 from robotree.tui.screen.widgets.robot_table import RobotTable
-from robotree.tui.screen.widgets.side_pane import SidePane
 from robotree.vr import Robot, command
 from robotree.vr.base.group import RobotGroup
 from robotree.vr.network.policy_file import PolicyFile

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 from textual.widgets import Button, Input
 
-from robotree.tui.screen import keys_in_order
+from robotree.tui.screen import key_guard
 from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
@@ -155,9 +155,9 @@ async def test_a_flood_of_keys_is_bounded_and_the_stop_is_obeyed_in_it(
         operator.burst("\0" * 20_000)
         operator.burst(" " * 2000)
         await operator.until(lambda: bool(asked), "the stop")
-        assert len(app._held) <= keys_in_order.MOST
+        assert len(app._held) <= key_guard.MOST
         await operator.until(lambda: not app.keys_wait, "the rest")
-        assert len(asked) <= keys_in_order.MOST
+        assert len(asked) <= key_guard.MOST
         assert caplog.text.count("are dropped until") == 1
         app.ask_for = ask_for  # type: ignore[method-assign]
         operator.burst(f":\x1b[200~{'paste' * 20_000}\x1b[201~")
@@ -169,7 +169,7 @@ async def test_a_flood_of_keys_is_bounded_and_the_stop_is_obeyed_in_it(
 async def test_a_queue_that_ended_with_a_key_in_it_does_not_keep_the_others(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(keys_in_order, "LIMIT", 0.05)
+    monkeypatch.setattr(key_guard, "LIMIT", 0.05)
     async with operate(realm.realm_client) as operator:
         await listed(operator)
         table = operator.one(RobotTable)

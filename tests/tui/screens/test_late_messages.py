@@ -20,8 +20,7 @@ from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.source_outline import outline
 from robotree.tui.screen.widgets.cameras import Cameras
-from robotree.tui.screen.widgets.choice import Choice
-from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.field_row import Choice, FieldRow
 from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.views_pane import ViewsPane
 from robotree.vr.base.address import Address

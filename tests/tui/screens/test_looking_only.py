@@ -16,7 +16,7 @@ from robotree.tui.processes.choices import Choices
 from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.place import Place
+from robotree.tui.seen.selection import Place
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,8 +9,7 @@ from textual.widgets._footer import FooterKey
 
 from robotree.tui import words
 from robotree.tui.screen.pages.dialogs import Confirm
-from robotree.tui.screen.theme_files import read
-from robotree.tui.screen.themes import chosen
+from robotree.tui.screen.themes import chosen, read
 from robotree.tui.screen.widgets.key_line import KeyLine
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.robot_table import RobotTable
+from robotree.tui.seen.selection import Place
 from robotree.vr import Robot
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.policy import PolicyGate

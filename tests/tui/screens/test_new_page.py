@@ -11,8 +11,7 @@ from textual.widgets import Button, Input
 from robotree.tui.line.grammar import Line
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import OWN_HOST, NewPage, SourceTree
-from robotree.tui.screen.widgets.choice import Choice
-from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.field_row import Choice, FieldRow
 
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator

@@ -15,8 +15,8 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.widgets.cameras import PictureView
 from robotree.tui.screen.widgets.command_form import CommandForm
-from robotree.tui.screen.widgets.picture import PictureView
 from tests.tui.screens.rows import row
 
 if TYPE_CHECKING:

@@ -15,9 +15,8 @@ from textual.widgets import Button, Input, OptionList
 from robotree.tui.panels import outside
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.panel import PanelPage
-from robotree.tui.screen.widgets.choice import Choice
 from robotree.tui.screen.widgets.command_form import CommandForm
-from robotree.tui.screen.widgets.field_row import FieldRow
+from robotree.tui.screen.widgets.field_row import Choice, FieldRow
 from robotree.tui.screen.widgets.laid_out import LaidOut, curve
 from robotree.tui.screen.widgets.program_panel import ProgramPanel
 from robotree.vr import Robot, command

@@ -21,7 +21,7 @@ from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.permits import PermitDialog, PermitsPage
 from robotree.tui.screen.pages.user import UserPage
 from robotree.tui.screen.user_app import UserApp
-from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.cameras import PictureView
 from robotree.tui.screen.widgets.row_list import RowList
 from robotree.vr.base.permit import Permit
 from robotree.vr.base.policy import PolicyGate

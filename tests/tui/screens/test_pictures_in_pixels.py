@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.tui.processes.terminal_graphics import PictureAbility
-from robotree.tui.screen.widgets.pointed_picture import PointedPicture
+from robotree.tui.screen.widgets.views_pane import PointedPicture
 from robotree.tui.seen.graphics import PLACEHOLDER
 
 if TYPE_CHECKING:

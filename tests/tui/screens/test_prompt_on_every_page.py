@@ -12,8 +12,8 @@ from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.command_form import CommandForm
+from robotree.tui.seen.selection import Place
 
 if TYPE_CHECKING:
     from tui.conftest import Realm

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.main import MainPage
-from robotree.tui.screen.place import Place
+from robotree.tui.seen.selection import Place
 
 if TYPE_CHECKING:
     from screens.conftest import Operate

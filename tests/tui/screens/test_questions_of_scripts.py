@@ -12,7 +12,7 @@ from robotree.tui.line.action import Where
 from robotree.tui.line.carrying import Silent, carry_out
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import Outcome
-from robotree.tui.screen.pages.question import QuestionDialog
+from robotree.tui.screen.pages.permits import QuestionDialog
 from robotree.tui.screen.user_app import UserApp
 from robotree.tui.seen.asked import DOUBT, AskedQuestion
 from robotree.vr.bundle import Bundle

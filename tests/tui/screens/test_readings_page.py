@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.screen.pages.main import MainPage
-from robotree.tui.screen.pages.readings import ReadingsPage
-from robotree.tui.screen.widgets.plot import Plot
+from robotree.tui.screen.pages.readings import Plot, ReadingsPage
 from robotree.vr import Robot, Stream, Unit
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from robotree.tui.screen.keymap import read
 from robotree.tui.screen.pages.dialogs import Confirm
 from robotree.tui.screen.pages.enslave import EnslaveDialog
 from robotree.tui.screen.pages.main import MainPage
-from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.cameras import PictureView
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen.status import STATUSES
 

@@ -14,13 +14,13 @@ from robotree.tui.screen.pages.main import EMPTY
 from robotree.tui.screen.pages.new import NewPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.place import Place
-from robotree.tui.screen.widgets.flash import FlashLine
+from robotree.tui.screen.widgets.cameras import PictureView
 from robotree.tui.screen.widgets.key_line import fitting
-from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.log_pane import FlashLine
 from robotree.tui.screen.widgets.readings import Readings
 from robotree.tui.screen.widgets.robot_table import RobotTable
-from robotree.tui.seen.alarms import Alarm
+from robotree.tui.seen.selection import Place
+from robotree.tui.seen.watched import Alarm
 
 if TYPE_CHECKING:
     from screens.conftest import Operate

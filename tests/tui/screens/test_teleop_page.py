@@ -12,10 +12,9 @@ from textual.widgets import Button
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.pages.teleop import TeleopPage
-from robotree.tui.screen.place import Place
 from robotree.tui.screen.widgets.cached_text import CachedText
-from robotree.tui.screen.widgets.cameras import Cameras
-from robotree.tui.screen.widgets.picture import PictureView
+from robotree.tui.screen.widgets.cameras import Cameras, PictureView
+from robotree.tui.seen.selection import Place
 from robotree.vr.supervision.realm_client import RealmClient
 
 if TYPE_CHECKING:

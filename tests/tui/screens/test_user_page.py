@@ -12,11 +12,10 @@ from textual.widgets import Button, Input, OptionList, TextArea
 
 from robotree.tui.line import taken
 from robotree.tui.line.known_kinds import checked_script
-from robotree.tui.screen.pages.user import DoingPage, UserPage
-from robotree.tui.screen.pages.write import WritePage, template
+from robotree.tui.screen.pages.user import DoingPage, UserPage, WritePage, template
 from robotree.tui.screen.user_app import UserApp
 from robotree.tui.screen.widgets.row_list import RowList
-from robotree.tui.seen.alarms import Alarm
+from robotree.tui.seen.watched import Alarm
 from robotree.vr import Robot, command
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.policy import PolicyGate

@@ -17,18 +17,17 @@ from robotree.tui.line.actions import ACTIONS, BY_VERB
 from robotree.tui.processes.layout import LEAST, MOST
 from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.page import Page
-from robotree.tui.screen.place import NOWHERE, Place
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.cameras import PictureBox
 from robotree.tui.screen.widgets.details import Details
-from robotree.tui.screen.widgets.flash import LastLines
-from robotree.tui.screen.widgets.log_pane import LogPane
+from robotree.tui.screen.widgets.log_pane import LastLines, LogPane
 from robotree.tui.screen.widgets.plan_pane import PlanPane
 from robotree.tui.screen.widgets.prompt import Prompt
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.screen.widgets.views_pane import ViewsPane
 from robotree.tui.seen import matching
 from robotree.tui.seen.rows import DIVISIONS, ORDERS, Division, Placement, SortOrder, family, listed
+from robotree.tui.seen.selection import NOWHERE, Place
 from robotree.tui.seen.store import Weight
 from robotree.tui.words import say
 

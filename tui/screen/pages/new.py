@@ -20,8 +20,7 @@ from robotree.tui.screen.key_guard import Form
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.source_outline import ClassOutline, outline, suggested_name
-from robotree.tui.screen.widgets.choice import Choice
-from robotree.tui.screen.widgets.field_row import FieldRow, filled_in
+from robotree.tui.screen.widgets.field_row import Choice, FieldRow, filled_in
 from robotree.tui.screen.widgets.marks import tint
 from robotree.tui.seen import wording
 from robotree.vr.base.address import check_name

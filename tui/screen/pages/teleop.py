@@ -20,9 +20,8 @@ from robotree.tui.screen.jog import AXES, GET_INFO, GO_TO, GRIP, STEPS, Bounds, 
 from robotree.tui.screen.key_guard import SOON
 from robotree.tui.screen.pages.page import Page
 from robotree.tui.screen.widgets.cached_text import CachedText
-from robotree.tui.screen.widgets.cameras import Cameras
+from robotree.tui.screen.widgets.cameras import Cameras, PictureView
 from robotree.tui.screen.widgets.marks import status_mark, tint
-from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.screen.widgets.readings import Readings, ShownReadings
 from robotree.tui.seen import instruments
 from robotree.tui.seen.store import OLD

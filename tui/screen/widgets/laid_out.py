@@ -19,9 +19,9 @@ from textual.widgets import Button, Label
 
 from robotree.tui.screen.part import Part
 from robotree.tui.screen.widgets.cached_text import CachedText
+from robotree.tui.screen.widgets.cameras import PictureView
 from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.screen.widgets.marks import tint
-from robotree.tui.screen.widgets.picture import PictureView
 from robotree.tui.seen import instruments
 from robotree.tui.seen.cells import seen
 from robotree.vr.base.description import RobotDescription

@@ -5,8 +5,7 @@ from __future__ import annotations
 from textual.message import Message
 from textual.widget import Widget
 
-from robotree.tui.screen.bindings import refusal
-from robotree.tui.screen.part import Part
+from robotree.tui.screen.part import Part, refusal
 
 
 class Pointing(Part, Widget, can_focus=True):
