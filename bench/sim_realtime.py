@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 
 from robotree.protocol.messages import Verb
-from robotree.sim.arm.things import BLOCK
+from robotree.sim.arm.world import BLOCK
 from robotree.sim.physics.camera import Renderer, jpeg
 from robotree.sim.physics.cell import Cell
 from robotree.sim.testing import ArmBench, RoverBench

@@ -34,7 +34,7 @@ class LinkStatistics(msgspec.Struct, frozen=True):
 
 
 class Unsent(Protocol):
-    """A frame that is completed when it is sent, such as a `robotree.protocol.unsent.UnsentFrame`."""
+    """A frame that is completed when it is sent, such as a `robotree.protocol.endpoint.UnsentFrame`."""
 
     def __len__(self) -> int:
         """[bytes] that it will have."""

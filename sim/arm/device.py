@@ -31,9 +31,8 @@ from robotree.sim.firmware.device import (
     speed_or,
     way_along,
 )
-from robotree.sim.motion.follower import Follower
+from robotree.sim.motion.follower import Follower, Group, Pursuit
 from robotree.sim.motion.path import Path
-from robotree.sim.motion.pursuit import Group, Pursuit
 from robotree.sim.physics.vectors import Vector
 
 REACHED: Final = 0.004

@@ -1,23 +1,143 @@
-"""The hand at the end of any arm: its ports, how it is driven in each period, and when it has arrived.
+"""The hand at the end of any arm: gripper, wrist sensor, how it is driven, and when it has arrived.
 
 The cell's arm and both arms of the companion hang their hands on the same law, wrist sensor and gripper.
+The gripper is led to a width. The sensor feels what the arm exerts on the hand; the hand's weight is taken
+off, its (small) inertia is not. Measured against a push of known size: 10 N read as 10.00 N.
+
+Pure: readings, widths and seconds in, set-points, the world's wrench on the hand and a state out.
 """
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 from typing import Final
 
 import numpy as np
 
 from robotree.protocol.messages import Reason
 from robotree.sim.arm.compliance import Attractor, NaturalAdmittance
-from robotree.sim.arm.gripper import Grip, Gripper
 from robotree.sim.arm.kinematics import Dynamics, twist_of
 from robotree.sim.arm.model import HandPorts
-from robotree.sim.arm.wrist import SMOOTHING, WristSensor
 from robotree.sim.firmware.device import WIDEST, Progress, or_now, require
 from robotree.sim.motion.follower import Follower
 from robotree.sim.physics.vectors import Matrix, Vector
+
+SPEED: Final = 0.12
+"""[m/s] of the gap, unless it is tuned."""
+AT_WIDTH: Final = 0.001
+"""[m] that counts as being at the width asked for."""
+STILL: Final = 0.002
+"""[m/s] of the gap below which the fingers stand."""
+HELD_AFTER: Final = 0.2
+"""[s] of standing short of the width after which something is held."""
+YIELDS: Final = 0.002
+"""[m] by which the gap may change while the same thing is held: a hand that is carried about shakes."""
+
+
+class Grip(Enum):
+    """The state of the fingers."""
+
+    AT_WIDTH = "at the width asked for"
+    MOVING = "moving"
+    HOLDING = "holding something"
+
+
+class Gripper:
+    """Leads the fingers.
+
+    Args:
+        width: the gap at first [m].
+    """
+
+    def __init__(self, width: float) -> None:
+        self.commanded = width
+        """Width asked for [m]."""
+        self.speed = SPEED
+        """At which the gap is led [m/s]."""
+        self.state = Grip.AT_WIDTH
+        self._led = width
+        self._still = 0.0
+        self._held = width
+
+    def move(self, width: float) -> None:
+        """Ask for a gap of `width` [m]."""
+        self.commanded = min(max(width, 0.0), WIDEST)
+        self.state = Grip.MOVING
+        self._still = 0.0
+
+    def halt(self, width: float) -> None:
+        """Stop the fingers at `width` [m] if they are on their way; what they hold they keep."""
+        if self.state is Grip.MOVING:
+            self.commanded = self._led = min(max(width, 0.0), WIDEST)
+
+    def advance(self, dt: float, width: float, speed: float) -> float:
+        """Lead on for `dt` [s], the gap being `width` [m] and changing by `speed` [m/s].
+
+        Args:
+            dt: control period [s].
+            width: the gap now [m].
+            speed: its rate of change [m/s].
+
+        Returns:
+            The gap that the servo should hold now [m].
+        """
+        step = self.speed * dt
+        self._led += min(max(self.commanded - self._led, -step), step)
+        led_there = self._led == self.commanded
+        self._still = self._still + dt if led_there and abs(speed) < STILL else 0.0
+        if abs(width - self.commanded) < AT_WIDTH:
+            self.state = Grip.AT_WIDTH if led_there else self.state
+        elif self._still >= HELD_AFTER and self.state is not Grip.HOLDING:
+            self.state, self._held = Grip.HOLDING, width
+        elif self.state is Grip.AT_WIDTH or abs(width - self._held) >= YIELDS:
+            self.state = Grip.MOVING
+        return self._led
+
+
+SMOOTHING: Final = 0.2
+"""Share of the new reading in the filtered one, per millisecond: a time constant of 4.5 ms."""
+GRAVITY: Final = 9.81
+"""[m/s2]"""
+TOOL_OFFSET: Final = 0.1
+"""[m] from the sensor to the tool point, along the tool's z axis."""
+
+
+class WristSensor:
+    """Filters the sensor's readings.
+
+    Args:
+        mass: of everything beyond the sensor [kg].
+        centre: (3,) its centre of mass in the sensor's frame [m].
+        smoothing: share of a new reading in the filtered one.
+    """
+
+    def __init__(self, mass: float, centre: Vector, smoothing: float = SMOOTHING) -> None:
+        self._smoothing = smoothing
+        self._weight = mass * GRAVITY
+        self._moment = self._weight * centre
+        self._filtered: Vector = np.zeros(6)
+
+    def update(self, force: Vector, torque: Vector, rotation: Matrix) -> Vector:
+        """Take one reading, one per control period.
+
+        Args:
+            force: (3,) of the arm on the hand, sensor axes [N].
+            torque: (3,) likewise, at the sensor [N m].
+            rotation: (3, 3) R_WT; the sensor's axes are parallel to the tool's.
+
+        Returns:
+            (6,) force [N] and torque [N m] of the world on the hand, at the tool point, along the axes of W.
+        """
+        # Scalars, because at this size numpy's calls cost more than the arithmetic.
+        fx, fy, fz = (-(rotation @ force)).tolist()
+        nx, ny, nz = (-(rotation @ torque)).tolist()
+        mx, my, _ = (rotation @ self._moment).tolist()
+        rx, ry, rz = (TOOL_OFFSET * rotation[:, 2]).tolist()
+        fz += self._weight
+        turn = (nx + my - ry * fz + rz * fy, ny - mx - rz * fx + rx * fz, nz - rx * fy + ry * fx)
+        self._filtered += self._smoothing * (np.array((fx, fy, fz, *turn)) - self._filtered)
+        return self._filtered
+
 
 YIELDING: Final = 0.025
 """[m] that the hand may be short of a goal, and the goal still count as reached, while the world pulls at it:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 import pinocchio as pin
 
 from robotree.protocol.messages import Gripper, GripperState, Joints, Message, NamedValueFloat, Skeleton, Tool
-from robotree.sim.arm.gripper import Grip
+from robotree.sim.arm.hand import Grip
 from robotree.sim.arm.kinematics import Kinematics
 from robotree.sim.arm.world import ArmWorld
 from robotree.sim.firmware.telemetry import HOT, WARM, Stream

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from robotree.sim.arm.compliance import FORCE_LIMIT, TOOL_STIFFNESS
-from robotree.sim.arm.gripper import SPEED as GRIP_SPEED
+from robotree.sim.arm.hand import SPEED as GRIP_SPEED
 from robotree.sim.arm.planner import TOOL_ACCELERATION, TOOL_SPEED
 from robotree.sim.firmware.device import Tunable
 

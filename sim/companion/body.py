@@ -15,13 +15,12 @@ from robotree.protocol.messages import Reason
 from robotree.sim.companion.base import Base
 from robotree.sim.companion.battery import Battery
 from robotree.sim.companion.figure import ARMS, LEAN, NECK, Figure
+from robotree.sim.companion.flat import BodyPorts
 from robotree.sim.companion.guard import Guard, Objection, Person, Place
 from robotree.sim.companion.head import Head
 from robotree.sim.companion.limb import Limb
-from robotree.sim.companion.model import BodyPorts
-from robotree.sim.companion.planner import Forbidden, Goal, Planner
+from robotree.sim.companion.planner import Forbidden, Goal, Planner, Way
 from robotree.sim.companion.tuning import HAND_SPEED
-from robotree.sim.companion.ways import Way
 from robotree.sim.physics.vectors import Vector
 
 LOOK: Final = 0.03

@@ -16,9 +16,8 @@ from robotree.sim.arm.hand import ArmState, Hand
 from robotree.sim.arm.kinematics import Dynamics
 from robotree.sim.arm.model import HandPorts
 from robotree.sim.companion.figure import ARM_JOINTS, Pose
-from robotree.sim.companion.planner import Goal
+from robotree.sim.companion.planner import Goal, Way
 from robotree.sim.companion.tuning import HAND_ACCELERATION, LIMB_PARAMETERS, SLOWEST, LimbTuning
-from robotree.sim.companion.ways import Way
 from robotree.sim.errors import BadArgument
 from robotree.sim.firmware.device import Device, Plan, Start, ended, or_now, speed_or
 from robotree.sim.motion.follower import LEASH_SLACK, Follower

@@ -22,10 +22,11 @@ from robotree.sim.companion.flat import (
     START,
     TAG_UP,
     VISITORS,
+    BodyPorts,
+    bind,
     spec,
 )
 from robotree.sim.companion.guard import GRAVITY, Person
-from robotree.sim.companion.model import BodyPorts, bind
 from robotree.sim.companion.planner import REST
 from robotree.sim.companion.visitors import EVENING, Notice, Play, Visitor
 from robotree.sim.firmware import Gauges

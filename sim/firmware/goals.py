@@ -1,17 +1,28 @@
 """Goals: protocol's `GoalServer` keeps keys and epochs, `Movement` moves the robot.
 
+A preview says whether a goal would begin now, and which way it would lead; nothing moves. The device's own
+planner answers (`Device.prepare`), so a preview can neither allow what a goal is refused nor the other way
+round. Anybody may ask: it changes nothing, and who does not hold the controller wants to know.
+
 Pure. `now` is controller time in whole milliseconds.
 """
 
 import logging
 from collections.abc import Iterable
 
-from robotree.protocol.messages import Goal, GoalCancel, GoalState, Reason
+from robotree.protocol.messages import Goal, GoalCancel, GoalState, Reason, WayRequest, WayStatus
 from robotree.protocol.services.fence import Refusal
-from robotree.protocol.services.goal_server import Abandon, Begin, GoalId, GoalServer, GoalServerEffect
+from robotree.protocol.services.goal_server import (
+    Abandon,
+    Begin,
+    GoalId,
+    GoalServer,
+    GoalServerEffect,
+    misfit,
+)
 from robotree.protocol.services.peer import Peer
 from robotree.sim.errors import GoalRefused
-from robotree.sim.firmware.device import Device, Start
+from robotree.sim.firmware.device import POINTS, Device, Start, WayAhead
 from robotree.sim.firmware.movement import Job, Movement
 from robotree.sim.firmware.outgoing import Outgoing, sends
 from robotree.sim.firmware.rights import Rights
@@ -59,6 +70,37 @@ class Goals:
     def tick(self, now: int) -> list[Outgoing]:
         """End the goals whose time to live is over."""
         return self._carry_out(self._server.tick(now / 1000), now)
+
+    def preview(self, question: WayRequest, peer: Peer, now: int) -> list[Outgoing]:  # noqa: ARG002  as all hear
+        """Whether a goal would begin now, and which way it would lead; for its asker alone."""
+        reason, text, way = Reason.NONE, "", WayAhead()
+        if objection := misfit(question.verb, question.args, self._device.verbs):
+            reason, text = objection
+        elif bar := self._movement.bar:
+            reason, text = Reason.STOPPED, bar
+        else:
+            try:
+                way = self._device.way(question.verb, question.args)
+                if not way.points:
+                    self._device.prepare(question.verb, question.args)
+            except GoalRefused as refusal:
+                reason, text = refusal.reason, str(refusal)
+        points = [*way.points][:POINTS]
+        x, y, z = ([point[axis] for point in points] for axis in range(3))
+        empty = [0.0] * (POINTS - len(points))
+        status = WayStatus(
+            number=question.number,
+            x=(*x, *empty),
+            y=(*y, *empty),
+            z=(*z, *empty),
+            duration=way.duration,
+            reason=reason,
+            target_system=peer.system,
+            target_component=peer.component,
+            count=len(points),
+            text=text,
+        )
+        return [Outgoing(status, peer.via)]
 
     def _hand_over(self, now: int) -> None:
         """Follow a peer that may command to the link over which it asks for the running goal, by its key."""

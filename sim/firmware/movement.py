@@ -2,11 +2,15 @@
 
 A job is a goal, a command or a stream of set-points; its service reports to its sender. A goal that counts as
 reached in passing is reported as that, and goes on without a report until it is there: what ends any job
-ends it, and the next one begins from its motion. The controller's mode
-follows from three facts: whether a stop is in force, whether a job runs, and whether silence ended the last
-one.
+ends it, and the next one begins from its motion. The controller's mode follows from three facts: whether a
+stop is in force, whether a job runs, and whether silence ended the last one.
 
-Pure. `now` is controller time in whole milliseconds.
+While something moves, the peer that asked for it must be heard: another sender, even one with the same ids,
+must not hide that this peer has died. Under a claim, its holder must be heard, by its CLAIMs; without a
+claim, the sender on its link, with any message. While nothing moves, nobody has to be heard.
+
+Pure. `now` is controller time in whole milliseconds, so a simulation may run faster or slower than the clock
+on the wall.
 """
 
 from collections.abc import Callable, Hashable
@@ -16,7 +20,56 @@ from robotree.protocol.messages import GoalState, ModeKind, Reason
 from robotree.protocol.services.peer import Peer
 from robotree.sim.firmware.device import Device, Start
 from robotree.sim.firmware.outgoing import Outgoing
-from robotree.sim.firmware.watchdog import Watchdog
+
+
+class Watchdog:
+    """Counts silence.
+
+    Args:
+        patience: silence that is allowed [ms].
+    """
+
+    def __init__(self, patience: int) -> None:
+        self.patience = patience
+        self._commander: Hashable = None
+        self._heard = 0
+        self._latest: tuple[Hashable, int] | None = None
+        """The sender that was heard last, and when its message arrived."""
+
+    @property
+    def silence(self) -> float:
+        """The patience in [s], as people tune it."""
+        return self.patience / 1000
+
+    @silence.setter
+    def silence(self, seconds: float) -> None:
+        self.patience = round(1000 * seconds)
+
+    def receive(self, voice: Hashable, arrived: int) -> None:
+        """A message is handled that arrived at a time [ms]; a stop may be handled before older messages."""
+        self._latest = voice, arrived
+        if voice == self._commander:
+            self._heard = max(self._heard, arrived)
+
+    def obey(self, voice: Hashable, speaker: Hashable, now: int) -> None:
+        """From `now` [ms] on `voice` must be heard; a message that waited is no sign of life now.
+
+        Args:
+            voice: who must be heard.
+            speaker: the sender of the message that is obeyed.
+            now: [ms]
+        """
+        latest, arrived = self._latest or (speaker, now)
+        self._commander, self._heard = voice, arrived if latest in {speaker, voice} else now
+
+    def rest(self) -> None:
+        """From now on nobody has to be heard."""
+        self._commander = None
+
+    def silent(self, now: int) -> bool:
+        """Whether the silence is too long at `now` [ms]."""
+        return self._commander is not None and now - self._heard > self.patience
+
 
 SUPERSEDED: Final = "A newer goal took its place."
 PASSED: Final = "passed"

@@ -1,21 +1,26 @@
 """Parameters: protocol's `ParameterServer` speaks, the robot's tuning has the values.
 
-A change takes effect at once, in the physics thread, and all clients are told.
+A change takes effect at once, in the physics thread, and all clients are told. Texts, units and limits are
+there as files that ground stations read by FTP: COMPONENT_METADATA names the general file, and that one the
+file of the parameters (https://mavlink.io/en/services/component_information.html).
 
 Pure. `now` is controller time in whole milliseconds.
 """
 
-from collections.abc import Collection, Hashable
+from collections.abc import Collection, Hashable, Iterable
 from typing import Final
 
-from robotree.protocol.messages import ParamRequestList, ParamRequestRead, ParamSet
+import msgspec
+
+from robotree.protocol.messages import ComponentMetadata, ParamRequestList, ParamRequestRead, ParamSet
+from robotree.protocol.services.files import Files, crc32
 from robotree.protocol.services.parameter import Changed, ParameterServer
 from robotree.protocol.services.parameter import Parameter as OnTheWire
 from robotree.protocol.services.peer import Peer
 from robotree.sim.firmware.device import Device, Tunable
+from robotree.sim.firmware.movement import Watchdog
 from robotree.sim.firmware.outgoing import Outgoing, sends
 from robotree.sim.firmware.rights import Rights
-from robotree.sim.firmware.watchdog import Watchdog
 
 LINK_SILENCE: Final = Tunable(
     "LINK_SILENCE", "silence", 0.01, 3600.0, "s, silence of the link after which the robot holds"
@@ -83,3 +88,51 @@ class Parameters:
     def link_closed(self, via: Hashable) -> None:
         """A link ended, and with it the lists that were sent on it."""
         self._server.link_closed(via)
+
+
+GENERAL: Final = "general.json"
+PARAMETERS: Final = "parameter.json"
+_PARAMETER: Final = 1
+"""COMP_METADATA_TYPE_PARAMETER."""
+_DIGITS: Final = 3
+"""Decimal places that a station shows."""
+
+
+class Metadata:
+    """The metadata of one component, made once, at the start.
+
+    Args:
+        parameters: what can be tuned, with the value at the start.
+    """
+
+    def __init__(self, parameters: Iterable[tuple[Tunable, float]]) -> None:
+        document = {"version": 1, "parameters": [_described(each, value) for each, value in parameters]}
+        content = msgspec.json.encode(document)
+        kinds = [{"type": _PARAMETER, "uri": _uri(PARAMETERS), "fileCrc": crc32(content)}]
+        general = msgspec.json.encode({"version": 1, "metadataTypes": kinds})
+        self.files = Files({GENERAL: general, PARAMETERS: content})
+        self._crc = crc32(general)
+
+    def told(self, boot_ms: int) -> ComponentMetadata:
+        """Where it is."""
+        return ComponentMetadata(boot_ms, self._crc, _uri(GENERAL))
+
+
+def _uri(name: str) -> str:
+    return f"mftp:///{name}"
+
+
+def _described(parameter: Tunable, value: float) -> dict[str, object]:
+    """One parameter as the schema of MAVLink's parameter metadata has it."""
+    unit, _, text = parameter.text.partition(", ")
+    return {
+        "name": parameter.name,
+        "type": "Float",
+        "group": parameter.name.partition("_")[0].capitalize(),
+        "shortDesc": text[:1].upper() + text[1:],
+        "units": unit,
+        "default": value,
+        "min": parameter.lower,
+        "max": parameter.upper,
+        "decimalPlaces": _DIGITS,
+    }

@@ -65,21 +65,17 @@ from robotree.protocol.services.claim_server import ClaimServer
 from robotree.protocol.services.command import Answer, Handler, Request
 from robotree.protocol.services.fence import Fence
 from robotree.protocol.services.peer import Peer
-from robotree.sim.firmware.claims import Claims
 from robotree.sim.firmware.commands import Commands
-from robotree.sim.firmware.description import Gauges, Identity, autopilot_version, sys_status
 from robotree.sim.firmware.device import Device
 from robotree.sim.firmware.goals import Goals
-from robotree.sim.firmware.metadata import Metadata
 from robotree.sim.firmware.modes import Modes
 from robotree.sim.firmware.movement import Movement
 from robotree.sim.firmware.outgoing import COMPONENT, Announcer, Outgoing
-from robotree.sim.firmware.parameters import Parameters
-from robotree.sim.firmware.previews import Previews
-from robotree.sim.firmware.rights import Rights
+from robotree.sim.firmware.parameters import Metadata, Parameters
+from robotree.sim.firmware.rights import Claims, Rights
 from robotree.sim.firmware.setpoints import Setpoints
 from robotree.sim.firmware.stops import stop_asked_by
-from robotree.sim.firmware.telemetry import Schedule, Stream
+from robotree.sim.firmware.telemetry import Gauges, Identity, Schedule, Stream, autopilot_version, sys_status
 
 SILENCE: Final = 2.0
 """[s] of controller time after which a silent link makes the robot hold: two heartbeats of who beats once a
@@ -141,7 +137,6 @@ class Firmware:
         self._rights = Rights(ClaimServer(fence or Fence(), self._identity.life))
         self._goals = Goals(device, self._movement, self._rights)
         self._setpoints = Setpoints(device, self._movement, self._rights, self._goals.fence)
-        self._previews = Previews(device, self._movement)
         self._parameters = Parameters(device, self._movement.watchdog, self._rights)
         self._metadata = Metadata(self._parameters.described)
         announcer = Announcer()
@@ -266,7 +261,7 @@ class Firmware:
             (
                 _route(Goal, us, goals),
                 _route(GoalCancel, us, goals),
-                _route(WayRequest, us, self._previews.receive),
+                _route(WayRequest, us, self._goals.preview),
                 _dated_route(Setpoint, us, self._setpoints.receive),
                 _dated_route(Claim, us, self._claims.receive),
                 _route(SetMode, all_or_us, self._modes.receive),

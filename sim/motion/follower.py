@@ -1,20 +1,137 @@
-"""The leash on which the attractor follows a path.
+"""Following a path, or set-points that may come at any moment and say anything; the attractor is on a leash.
 
 The leash stretches a path's time: as the spring between tool and attractor fills from 60 % to 100 % of its
 limit, the path slows from full speed to a stop, so an arm that is blocked or pushed away resumes where it is
 instead of jumping after a reference that has run ahead. The attractor's velocity is scaled likewise (unscaled
 it would add its damping force, 28 N instead of 15 N at the table).
 
-Pure: seconds and loads in, references out.
+Set-points are pursued smoothly, and never out of the limits. Each group of axes (the tool's place, its twist)
+has a speed and an acceleration that it does not exceed. A target is approached at a speed from which it can
+still be braked, v = sqrt(2 a (d - a / 2 g^2)), and nearer than a / g^2 at v = g d, where that braking curve
+and the straight line have the same slope. Every `LOOK` the place where braking would end, and `MARGIN` beyond
+it, is looked at; when nothing can stand there, the pursuit brakes, so that the limits hold whatever is asked
+for.
+
+Pure: targets, seconds and loads in, references out.
 """
 
-from typing import Final
+import math
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from robotree.sim.motion.path import Path, Reference
-from robotree.sim.motion.pursuit import Pursuit
 from robotree.sim.physics.vectors import Vector
+
+GAIN: Final = 8.0
+"""[1/s] of the approach near its end: g."""
+LOOK: Final = 0.01
+"""[s] between two looks ahead."""
+MARGIN: Final = 0.01
+"""[m, rad] beyond the place where braking ends that must be free, too."""
+_STILL: Final = 1e-9
+
+
+class Group(NamedTuple):
+    """Axes that share a speed and an acceleration, in their unit per s and s2."""
+
+    axes: slice
+    speed: float
+    acceleration: float
+
+
+class Pursuit:
+    """Leads an attractor after targets.
+
+    Args:
+        start: where it is and how fast; carried on without a jump.
+        groups: of axes, with their limits; together all axes.
+        stands: whether the robot can be at a pose.
+    """
+
+    def __init__(self, start: Reference, groups: Sequence[Group], stands: Callable[[Vector], bool]) -> None:
+        self._pose, self._velocity = np.array(start.pose), np.array(start.velocity)
+        self._groups, self._stands = tuple(groups), stands
+        self._target: Vector | None = None
+        self._rate: Vector = np.zeros(len(start.pose))
+        self._clear = False
+        self._look_in = 0.0
+
+    @property
+    def rate(self) -> Vector:
+        """(n,) the velocity that is wanted, where no place is."""
+        return self._rate
+
+    def limit(self, groups: Sequence[Group]) -> None:
+        """Obey other limits from now on."""
+        self._groups = tuple(groups)
+
+    def toward(self, target: Vector) -> None:
+        """Go to a place (n,) and stay."""
+        self._target, self._look_in = np.array(target), 0.0
+
+    def along(self, rate: Vector) -> None:
+        """Go on with a velocity (n,); more than the limits is scaled down, the direction kept."""
+        self._target, self._rate, self._look_in = None, np.array(rate), 0.0
+
+    def advance(self, dt: float, pace: float) -> Reference:
+        """Lead on for `dt` [s].
+
+        Args:
+            dt: control period [s].
+            pace: share of the full pace, for the leash.
+
+        Returns:
+            The reference for this period.
+        """
+        wanted = self._wanted()
+        self._look_in -= dt
+        if self._look_in <= 0.0:
+            self._look_in = LOOK
+            self._clear = self._stands(self._ahead(wanted))
+        if not self._clear:
+            wanted = np.zeros(len(wanted))
+        for axes, _, acceleration in self._groups:
+            change = wanted[axes] - self._velocity[axes]
+            size, most = math.hypot(*change.tolist()), acceleration * dt
+            self._velocity[axes] += change if size <= most else change * (most / size)
+        velocity = self._velocity * pace
+        self._pose = self._pose + velocity * dt
+        return Reference(self._pose, velocity)
+
+    def _wanted(self) -> Vector:
+        wanted = np.array(self._rate if self._target is None else self._target - self._pose)
+        for axes, speed, acceleration in self._groups:
+            size = math.hypot(*wanted[axes].tolist())
+            if size < _STILL:
+                wanted[axes] = 0.0
+            elif self._target is None:
+                wanted[axes] *= min(speed / size, 1.0)
+            else:
+                wanted[axes] *= min(_approach(size, acceleration), speed) / size
+        return wanted
+
+    def _ahead(self, wanted: Vector) -> Vector:
+        """The place to look at: where braking from now on would end, and a little beyond."""
+        ahead = np.array(self._pose)
+        for axes, _, acceleration in self._groups:
+            size = math.hypot(*wanted[axes].tolist())
+            if size < _STILL:
+                continue
+            speed = math.hypot(*self._velocity[axes].tolist())
+            reach = speed * speed / (2.0 * acceleration) + MARGIN
+            if self._target is not None:
+                reach = min(reach, math.hypot(*(self._target[axes] - self._pose[axes]).tolist()))
+            ahead[axes] += wanted[axes] * (reach / size)
+        return ahead
+
+
+def _approach(distance: float, acceleration: float) -> float:
+    """The speed at which to approach a target at a distance."""
+    near = acceleration / GAIN**2
+    return GAIN * distance if distance < near else math.sqrt(2.0 * acceleration * (distance - 0.5 * near))
+
 
 LEASH_SLACK: Final = 0.6
 """Load of the spring, as a share of its limit, at which a path begins to wait."""

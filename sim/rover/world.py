@@ -12,8 +12,7 @@ from robotree.sim.firmware.telemetry import HOT, Stream
 from robotree.sim.physics import scenery
 from robotree.sim.physics.cell import Cell
 from robotree.sim.physics.engine import mujoco
-from robotree.sim.rover import model as rover_model
-from robotree.sim.rover.device import ARENA, Rover
+from robotree.sim.rover.device import ARENA, PREFIX, Rover, bind, spec
 
 CRATE: Final = (0.80, -0.90)
 """[m] x, y of a crate in the rover's arena."""
@@ -47,7 +46,7 @@ def cell() -> mujoco.MjSpec:
     scenery.box(world, "crate", (*CRATE, 0.12), (0.14, 0.14, 0.12), _CRATE)
     scenery.box(world, "bin", (-0.95, 1.05, 0.16), (0.18, 0.12, 0.16), _BIN)
     scenery.box(world, "dock", (0.0, 0.0, 0.001), (0.19, 0.19, 0.001), _DOCK)
-    scenery.attach(world, rover_model.spec(), rover_model.PREFIX, (0.0, 0.0, 0.0))
+    scenery.attach(world, spec(), PREFIX, (0.0, 0.0, 0.0))
     scenery.camera(world, eye=(-2.3, -2.3, 2.1), target=(0.05, 0.05, -0.12), fovy=42.0)
     return world
 
@@ -57,7 +56,7 @@ def build() -> RoverWorld:
     model = cell().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    rover = Rover(rover_model.bind(model, data))
+    rover = Rover(bind(model, data))
     return RoverWorld(Cell(model, data, rover), rover)
 
 

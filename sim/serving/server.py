@@ -22,9 +22,8 @@ from robotree.sim.controller.fence_file import FenceFile
 from robotree.sim.errors import CannotListen
 from robotree.sim.firmware import SILENCE, Outgoing
 from robotree.sim.kinds import kind as kind_of
-from robotree.sim.serving.connection import Connection
+from robotree.sim.serving.connection import MAX_REFUSED_BYTES, Connection, RefusedClient
 from robotree.sim.serving.realtime import Pace, RealTime
-from robotree.sim.serving.refused_client import MAX_REFUSED_BYTES, RefusedClient
 from robotree.sim.serving.render_thread import RenderThread
 from robotree.sim.serving.throttle import BURST, PIECE, RESTOCK, STORE, TOTAL, Throttled, TokenBucket
 

@@ -18,7 +18,7 @@ from serial import Serial
 
 from robotree.protocol import Endpoint, Frame, Parser
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkRefused
-from robotree.protocol.links import serial, serial_port
+from robotree.protocol.links import serial
 from robotree.protocol.links.in_thread import opened
 from robotree.protocol.links.link import Listener
 from robotree.protocol.links.url import connect, parse
@@ -76,7 +76,7 @@ async def test_a_listener_has_a_link_again_when_the_adapter_is_back(make_cable: 
 async def test_an_adapter_without_the_speed_that_is_plugged_in_meanwhile_is_told_once_and_tried_again(
     make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    ends, tried, real = RecordingHandlers(), list[str](), serial_port.serial.Serial
+    ends, tried, real = RecordingHandlers(), list[str](), serial.serial.Serial
 
     def slow(device: str, *rest: Any, **options: Any) -> Serial:  # a pseudo-terminal has every speed
         tried.append(device)
@@ -87,7 +87,7 @@ async def test_an_adapter_without_the_speed_that_is_plugged_in_meanwhile_is_told
     listener = await unplugged(make_cable, ends)
     make_cable()
     caplog.clear()
-    monkeypatch.setattr(serial_port.serial, "Serial", slow)
+    monkeypatch.setattr(serial.serial, "Serial", slow)
     await until(lambda: listener.links)
     assert len(tried) == 4
     speeds = [each.message for each in caplog.records if "the port has no speed of" in each.message]
@@ -109,7 +109,7 @@ async def test_a_listener_that_is_closed_while_the_adapter_is_away_stays_closed(
 async def test_a_listener_that_is_closed_while_it_opens_the_port_holds_it_no_longer(
     make_cable: MakeCable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loop, real, open_ports = asyncio.get_running_loop(), serial_port.serial.Serial, list[Serial]()
+    loop, real, open_ports = asyncio.get_running_loop(), serial.serial.Serial, list[Serial]()
     begun = loop.create_future()
 
     def slow(*where: Any, **options: Any) -> Serial:
@@ -120,7 +120,7 @@ async def test_a_listener_that_is_closed_while_it_opens_the_port_holds_it_no_lon
 
     leave = threading.Event()
     listener = await unplugged(make_cable, RecordingHandlers())
-    monkeypatch.setattr(serial_port.serial, "Serial", slow)
+    monkeypatch.setattr(serial.serial, "Serial", slow)
     make_cable()
     await begun
     loop.call_later(0.01, leave.set)  # the adapter takes its time, also after we were told to stop
@@ -198,7 +198,7 @@ async def test_without_the_right_to_a_port_its_group_is_named(
     def forbidden(*_: object, **__: object) -> None:  # root, who may run this test, may open everything
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(serial_port.serial, "Serial", forbidden)
+    monkeypatch.setattr(serial.serial, "Serial", forbidden)
     with pytest.raises(LinkRefused) as refused:
         await connect(cable.url(0), RecordingHandlers())
     group = cable.devices[0].group()
@@ -256,7 +256,7 @@ async def test_on_a_slow_line_telemetry_waits_where_it_is_superseded_not_in_the_
     # The kernel carries bytes from one end to the other in its own time.
     asyncio.get_running_loop().add_reader(far, lambda: heard.extend(ear.feed(os.read(far, 4096))))
     port = SlowDriver(os.ttyname(near), 57600, timeout=0, write_timeout=0, exclusive=True)
-    link = serial.SerialLink(port, serial_port.Setting(os.ttyname(near)))
+    link = serial.SerialLink(port, serial.Setting(os.ttyname(near)))
     link.begin(RecordingHandler)
     speaker = Endpoint(link, system=1, component=1, on_frame=lambda _: None)
     ack = GoalStatus(7, 1, 0.0, 0, 0, 1, 1, 2, "there")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robotree.protocol.messages import Gripper, GripperState, Verb
-from robotree.sim.arm.things import BLOCK, BLOCK_SIDE
+from robotree.sim.arm.world import BLOCK, BLOCK_SIDE
 from robotree.sim.physics.camera import Renderer
 from robotree.sim.testing import ArmBench
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.sim.arm.gripper import SPEED, Grip, Gripper
+from robotree.sim.arm.hand import SPEED, Grip, Gripper
 from robotree.sim.firmware.device import WIDEST
 
 DT = 0.001

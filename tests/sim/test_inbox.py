@@ -20,7 +20,7 @@ from robotree.protocol.messages import (
     Setpoint,
     Verb,
 )
-from robotree.sim.controller.inbox import (
+from robotree.sim.controller.controller import (
     CREDIT,
     LARGEST_QUEUE,
     LARGEST_STOPS,

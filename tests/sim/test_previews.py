@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robotree.protocol.messages import GoalState, ModeKind, Reason, Verb, WayRequest, WayStatus
-from robotree.sim.firmware.previews import POINTS
+from robotree.sim.firmware.goals import POINTS
 from robotree.sim.testing import ArmBench, RoverBench
 
 NAN = math.nan

@@ -23,8 +23,7 @@ from robotree.protocol.messages import (
     Statustext,
 )
 from robotree.sim.firmware import Outgoing
-from robotree.sim.serving.connection import Connection
-from robotree.sim.serving.refused_client import MAX_REFUSED_BYTES
+from robotree.sim.serving.connection import MAX_REFUSED_BYTES, Connection
 from robotree.sim.serving.server import MAX_CLIENTS, Server, serving
 from robotree.sim.serving.throttle import BURST, PIECE, RESTOCK, STORE
 

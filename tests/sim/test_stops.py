@@ -26,7 +26,7 @@ from robotree.protocol.messages import (
     SetpointKind,
     Verb,
 )
-from robotree.sim.controller.inbox import Inbox, Received
+from robotree.sim.controller.controller import Inbox, Received
 from robotree.sim.firmware.stops import stop_asked_by
 from robotree.sim.testing import NAN, ArmBench, Operator, RoverBench
 

@@ -27,8 +27,15 @@ from robotree.protocol.messages import (
 from robotree.protocol.testing import until
 from robotree.sim.firmware.stops import stop_asked_by
 from robotree.sim.kinds import kind
-from robotree.sim.serving.stop_scan import LONGEST_FRAME, stops_in
-from robotree.sim.serving.throttle import BURST, LARGEST_BACKLOG, PIECE, Throttled, TokenBucket
+from robotree.sim.serving.throttle import (
+    BURST,
+    LARGEST_BACKLOG,
+    LONGEST_FRAME,
+    PIECE,
+    Throttled,
+    TokenBucket,
+    stops_in,
+)
 
 
 class Listener:

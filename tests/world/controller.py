@@ -13,8 +13,8 @@ from robotree.protocol.messages import MavType, Verb
 from robotree.protocol.services.fence import Fence
 from robotree.sim.controller.controller import Controller
 from robotree.sim.firmware import COMPONENT, Firmware
-from robotree.sim.firmware.description import Identity
 from robotree.sim.firmware.device import Device, Progress, Start, ended
+from robotree.sim.firmware.telemetry import Identity
 from robotree.testing.simulated import Cable, CableEnd
 from robotree.vr.world.virtual_runner import BEGINNING, VirtualRunner
 from robotree.vr.world.world import SimulatedProcess, World

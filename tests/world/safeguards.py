@@ -29,7 +29,7 @@ from robotree.protocol.services.goal_server import GoalId, GoalServer, GoalServe
 from robotree.protocol.services.peer import Peer
 from robotree.proxy.desired_mode import DesiredMode
 from robotree.proxy.guard import EpochCheck
-from robotree.sim.firmware.watchdog import Watchdog
+from robotree.sim.firmware.movement import Watchdog
 from robotree.vr.agents.callers import Callers
 from robotree.vr.agents.host import Host
 from robotree.vr.agents.outside import OutsideCaller, OutsideCalls

@@ -1,6 +1,6 @@
 """One node's door to a bus: frames out in order of urgency, frames in, whatever python-can's interface is.
 
-What every port does is here; `direct.py` and `threaded.py` are the two kinds, and `opening.py` chooses.
+What every port does is here; the two kinds are in `opening.py`, which chooses.
 """
 
 from __future__ import annotations

@@ -5,7 +5,6 @@ the other. The loopback link (`robotree.protocol.links.loopback`) decides what h
 demonstrations: one sees how a robot and its supervisor cope with a bad link.
 """
 
-from robotree.protocol.tools.relay.cable import FaultyCable, Traffic
-from robotree.protocol.tools.relay.server import Relay, relaying
+from robotree.protocol.tools.relay.server import FaultyCable, Relay, Traffic, relaying
 
 __all__ = ["FaultyCable", "Relay", "Traffic", "relaying"]

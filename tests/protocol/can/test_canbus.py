@@ -14,9 +14,9 @@ import can
 import pytest
 
 from robotree.protocol.canbus import LoopbackBus, channel_id, first_port
+from robotree.protocol.canbus.membership import GLANCE, STALLED_AFTER, Wire
 from robotree.protocol.canbus.records import Greeting
 from robotree.protocol.canbus.seats import HOST
-from robotree.protocol.canbus.wire import GLANCE, STALLED_AFTER, Wire
 from tests.waiting import wait_until
 
 Buses = Callable[..., LoopbackBus]
