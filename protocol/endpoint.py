@@ -2,9 +2,9 @@
 
 A frame gets its sequence number and its signature when it is sent, not when it is queued. Telemetry that
 waits is replaced by newer telemetry, which takes its place in the queue. If frames were numbered and signed
-when they are queued, the numbers of the replaced ones would be missing, and an answer behind the newer telemetry
-would be sent with an older timestamp than its predecessor: a receiver that checks signatures would refuse it
-as a replay.
+when they are queued, the numbers of the replaced ones would be missing, and an answer behind the newer
+telemetry would be sent with an older timestamp than its predecessor: a receiver that checks signatures would
+refuse it as a replay.
 
 Pure: the link is passed in. An endpoint is the `Handler` of its link.
 """

@@ -9,14 +9,26 @@ from typing import Any
 
 import pytest
 
+from robotree.examples.pick_and_place import PickAndPlace
+from robotree.kinds import Arm
+from robotree.testing import Fake, cell, rehearse, rehearse_seeds
+from robotree.testing.team import Team
 from robotree.tui.session.script import Do, read
+from robotree.vr import BadArgument, CommandCancelled, DeadlineExceeded, Failed
 from robotree.vr.author.command import commands_of
 from robotree.vr.author.virtual_robot import exposures_of, slots_of
-from robotree.vr.base.errors import BadArgument, CommandCancelled, CommandFailed, NobodyAttends, SlotEmpty
+from robotree.vr.base.errors import (
+    CommandFailed,
+    NobodyAttends,
+    SlotEmpty,
+    Stopped,
+)
 from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.attendance import Attendance
+from robotree.vr.exchange.client import HostClient
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
+from tests.vr.moving.stage import Stage, played
 
 Workshop = Any
 PAGE = 90
@@ -173,3 +185,120 @@ async def test_a_robot_without_its_child_says_what_to_do(workshop: Workshop) -> 
     lever = await workshop.create("open_close_lever.py", "lever")
     with pytest.raises(SlotEmpty, match=r"`robotree enslave lever\.mover NAME`"):
         await lever.call("close", {})
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+DRIVER = """
+class Rover(VirtualRobot):
+    legs: int = state(0)
+
+    @command
+    def move(self, x: float, y: float) -> None:
+        self.sleep(0.01)
+        self.legs = self.legs + 1
+"""
+
+
+def test_a_patrol_travels_to_where_its_next_robot_is(tmp_path: Path) -> None:
+    async def story(stage: Stage) -> None:
+        await stage.add("h1", "h2", "h3")
+        await stage.create("h1", "rover-1", DRIVER)
+        await stage.create("h2", "rover-2", DRIVER)
+        client = HostClient(stage.operator, stage.homes["h3"].host.address)
+        await client.create(await asyncio.to_thread(Bundle.read, EXAMPLES / "patrol.py"), "patrol")
+        await stage.until(lambda: bool(stage.keys("robot", "patrol")))
+        for slot, rover in (("near", "rover-1"), ("far", "rover-2")):
+            await stage.enslave("patrol", slot, rover)
+        seen: list[str] = []
+        for home in stage.homes.values():
+            took = home.host.settle_in
+
+            async def settle_in(*given: Any, home: Any = home, took: Any = took) -> Any:
+                if given[0].name == "patrol":
+                    seen.append(home.name)
+                return await took(*given)
+
+            home.host.settle_in = settle_in  # type: ignore[method-assign] # as it is, and noted
+        patrol = stage.robot("patrol")
+        assert await patrol.call("patrol", {"rounds": 1}) == 4
+        assert seen == ["h1", "h2"]
+        await stage.migrate("rover-1", "h3")
+        assert await patrol.call("patrol", {"rounds": 1}) == 8
+        assert seen == ["h1", "h2", "h3", "h2"], "it asks anew where its robots are"
+        assert stage.where("patrol") == ["h2"]
+        assert (stage.field("rover-1", "legs"), stage.field("rover-2", "legs")) == (4, 4)
+
+    played(tmp_path, story)
+
+
+WAY = {"x": "30 cm", "y": 0, "to_x": 0.3, "to_y": "20 cm"}
+BLOCK = {"x": "30 cm", "y": "-20 cm", "to_x": "30 cm", "to_y": "-30 cm"}
+"""From where the block of the cell lies at first."""
+HOLDING = {"holding": True}
+
+
+def last(team: Team) -> str:
+    return team.commanded.names[-1]
+
+
+def test_it_takes_a_thing_from_here_to_there() -> None:
+    team = rehearse(PickAndPlace, arm=Fake(Arm, get_info=HOLDING))
+    team.call("pick_and_place", **WAY)
+    assert team.commanded == [
+        ("arm", "go_to", {"x": 0.3, "y": 0, "z": 0.15, "twist": 0}),
+        ("arm", "go_to", {"x": 0.3, "y": 0, "z": 0.03, "twist": 0}),
+        ("arm", "grip", {"action": "close"}),
+        ("arm", "go_to", {"x": 0.3, "y": 0, "z": 0.15, "twist": 0}),
+        ("arm", "go_to", {"x": 0.3, "y": 0.2, "z": 0.15, "twist": 0}),
+        ("arm", "go_to", {"x": 0.3, "y": 0.2, "z": 0.03, "twist": 0}),
+        ("arm", "grip", {"action": "open"}),
+        ("arm", "go_to", {"x": 0.3, "y": 0.2, "z": 0.15, "twist": 0}),
+        ("arm", "grip", {"action": "open"}),
+    ]
+    assert team.progress == [(0.5, "gripped")]
+
+
+def test_it_moves_the_block_of_the_simulated_cell() -> None:
+    arm = cell("arm")
+    with rehearse(PickAndPlace, arm=arm) as team:
+        team.call("pick_and_place", within=120, **BLOCK)
+        assert arm.world.block_place == pytest.approx((0.30, -0.30, 0.02), abs=0.005)
+        with pytest.raises(Failed, match="nothing is there"):
+            team.call("pick_and_place", within=120, **BLOCK)
+
+
+def test_it_says_that_nothing_is_there() -> None:
+    team = rehearse(PickAndPlace, arm=Fake(Arm))
+    with pytest.raises(Failed, match="nothing is there"):
+        team.call("pick_and_place", **WAY)
+    assert last(team) == "arm.grip"
+
+
+def test_it_lets_go_when_it_is_cancelled_or_late() -> None:
+    team = rehearse(PickAndPlace, arm=Fake(Arm, get_info=HOLDING).cancel(at=4, after=0.5))
+    with pytest.raises(CommandCancelled):
+        team.call("pick_and_place", **WAY)
+    assert team.commanded[-1] == ("arm", "grip", {"action": "open"})
+    with pytest.raises(DeadlineExceeded):
+        team.call("pick_and_place", within=3.5, **WAY)
+    assert team.commanded[-1] == ("arm", "grip", {"action": "open"})
+
+
+def test_nothing_moves_after_a_stop() -> None:
+    team = rehearse(PickAndPlace, arm=Fake(Arm, get_info=HOLDING).stop(at=4, after=0.5))
+    with pytest.raises(CommandCancelled):
+        team.call("pick_and_place", **WAY)
+    team.wait(2)
+    assert last(team) == "arm.go_to"
+    with pytest.raises(Stopped):
+        team.call("pick_and_place", **WAY)
+
+
+def test_it_refuses_what_is_out_of_reach() -> None:
+    team = rehearse(PickAndPlace, arm=Fake(Arm))
+    with pytest.raises(BadArgument, match=r"x: 90 cm is out of range"):
+        team.call("pick_and_place", **WAY | {"x": "90 cm"})
+
+
+def test_it_keeps_the_laws_under_100_seeds() -> None:
+    rehearse_seeds(PickAndPlace, "pick_and_place", WAY, arm=Fake(Arm, get_info=HOLDING))

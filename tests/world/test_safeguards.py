@@ -109,7 +109,7 @@ ELSEWHERE = {
     "a restored robot begins again what its process left, and nothing else": (
         "vr/core/test_effects_after_the_journal.py"
     ),
-    "a proxy refuses an epoch older than one that it obeyed": "proxy/test_epochs.py",
+    "a proxy refuses an epoch older than one that it obeyed": "proxy/test_changed_controller.py",
     "a controller obeys the holder of its claim only": "machines/test_claim_machine.py",
     "a call that its caller has given up is never begun": "machines/test_core_machine.py",
     "a cancel that comes before its call is remembered": "vr/core/test_agent_commands.py",
