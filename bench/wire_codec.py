@@ -16,12 +16,12 @@ from measuring import options
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from bench.wire import codec, reference
+from bench.wire import codec
 
 
 def main() -> None:
     """Print the table."""
-    rounds, mavgen = options(__doc__, rounds=60).rounds, reference.generate()
+    rounds, mavgen = options(__doc__, rounds=60).rounds, codec.generate()
     print(f"{'message':18}{'bytes':>6}  {'task':28}{'ours us':>9}{'pymavlink us':>14}{'ratio':>7}")
     for message in codec.messages():
         name, size = message.codec.definition.name, message.codec.definition.length

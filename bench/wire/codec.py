@@ -1,4 +1,4 @@
-"""Our codec beside pymavlink's, in turns: the time per message of both, and their ratio.
+"""Our codec beside what pymavlink's generator makes of our dialect: the time per message of both, in turns.
 
 "frames" are verified and can be told apart by id, sender and sequence, which is all that a recorder wants;
 "messages" adds the typed message of every frame. pymavlink has no stage between the two.
@@ -6,23 +6,30 @@
 
 from __future__ import annotations
 
+import importlib.util
 import statistics
+import sys
+import tempfile
 import time
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bench.wire.reference import SECRET, speaker
 from robotree.protocol import Parser, encode
+from robotree.protocol.dialect import compile as compiler
 from robotree.protocol.messages import Heartbeat, Joints, Message, Tool
 from robotree.protocol.messages.base import wire
-from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
+from robotree.protocol.signing import EPOCH, UNITS, Key, Signer, SigningTime, StreamTable, Verifier
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import ModuleType
 
     from robotree.protocol import Frame
+    from robotree.protocol.codec import Value
+    from robotree.protocol.dialect import Definition
     from robotree.protocol.messages import AnyMessage
+    from robotree.protocol.testing import Reference
 
 BATCH = 100
 """Messages of one turn."""
@@ -140,3 +147,51 @@ def compare(contest: Contest, rounds: int) -> Outcome:
             side()
             times.append((time.perf_counter() - begin) / BATCH * 1e6)
     return Outcome(min(ours), min(theirs), statistics.median(ours), statistics.median(theirs))
+
+
+SECRET = bytes(range(32))
+"""The key of the signed contests."""
+
+
+def generate() -> ModuleType:
+    """The module that mavgen makes of our dialect; its checksums are fastcrc's, as ours."""
+    with tempfile.TemporaryDirectory(prefix="robotree-reference-") as folder:
+        path = Path(folder) / "robotree_reference.py"
+        compiler.generate(path)
+        spec = importlib.util.spec_from_file_location("robotree_reference", path)
+        if spec is None or spec.loader is None:
+            raise ImportError(path.name)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module
+        spec.loader.exec_module(module)
+        return module
+
+
+def speaker(mavgen: ModuleType, *, signed: bool) -> Any:
+    """Its speaker and reader."""
+    mavlink = mavgen.MAVLink(None, srcSystem=1, srcComponent=1)
+    mavlink.robust_parsing = True
+    if signed:
+        mavlink.signing.secret_key, mavlink.signing.sign_outgoing = SECRET, True
+        mavlink.signing.timestamp = int((time.time() - EPOCH) * UNITS)
+    return mavlink
+
+
+def encoder(mavgen: ModuleType, mavlink: Any = None) -> Reference:
+    """Its encoder, as `robotree.protocol.testing.check_codec` wants one; `mavlink`: who speaks."""
+    mavlink = mavlink or mavgen.MAVLink(None)
+
+    def encode(
+        definition: Definition, values: dict[str, Value], sequence: int, system: int, component: int
+    ) -> bytes:
+        theirs = {name: _as_mavgen_wants(value) for name, value in values.items()}
+        mavlink.srcSystem, mavlink.srcComponent, mavlink.seq = system, component, sequence
+        return bytes(mavgen.mavlink_map[definition.id](**theirs).pack(mavlink))
+
+    return encode
+
+
+def _as_mavgen_wants(value: Value) -> object:
+    if isinstance(value, str):
+        return value.encode()
+    return list(value) if isinstance(value, tuple | bytes) else value

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import random
 from typing import TYPE_CHECKING, NamedTuple
+
+from bench.wire.codec import messages
+from robotree.protocol import Parser
+from robotree.protocol.frame import encode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -50,10 +55,9 @@ CLIENTS = Promise("10 clients at 100 Hz", 20.0, at_least=False, unit="% of a cor
 def codec(rounds: int = 60) -> Iterable[Figure]:
     """Speed on a telemetry message of 40 bytes, and identity on all messages."""
     from bench.wire import codec as contest
-    from bench.wire import reference
     from robotree.protocol.testing import check_codec
 
-    mavgen = reference.generate()
+    mavgen = contest.generate()
     for signed in (False, True):
         for each in contest.contests(contest.telemetry_40(), mavgen, signed=signed):
             if each.name in CODEC:
@@ -64,7 +68,7 @@ def codec(rounds: int = 60) -> Iterable[Figure]:
                     detail += f" at best, {typical}; unsure, for the machine is busy: measure again"
                 yield Figure(CODEC[each.name], outcome.ratio, detail)
     try:
-        count = check_codec(reference.encoder(mavgen))
+        count = check_codec(contest.encoder(mavgen))
     except AssertionError as difference:
         yield Figure(IDENTICAL, 0.0, str(difference)[:200])
     else:
@@ -87,8 +91,6 @@ def round_trips(rounds: int = 500) -> Iterable[Figure]:
 
 def noise() -> Iterable[Figure]:
     """Bad streams."""
-    from bench.wire.recovery import chance_bytes, recovery
-
     saved = recovery()
     share = 100.0 * saved.found / saved.intact if not saved.invented else 0.0
     detail = f"{saved.found} of {saved.intact}; 10 % of frames corrupted, 10 % noise"
@@ -111,3 +113,50 @@ FIGURES: dict[str, Callable[[], Iterable[Figure]]] = {
     "clients": clients,
 }
 """Every measurement, by the name of its part."""
+
+
+BURST = 40
+"""[bytes] of a noise burst."""
+PIECE = 64 * 1024
+"""[bytes]"""
+
+
+class Recovery(NamedTuple):
+    """The frames that were found in a damaged stream."""
+
+    intact: int
+    """Frames that were sent whole."""
+    found: int
+    """Those among them that were handed out."""
+    invented: int
+    """Frames that were handed out and never sent."""
+
+
+def recovery(frames: int = 10_000, share: float = 0.1, seed: int = 0) -> Recovery:
+    """Read a stream in which a share of the frames is corrupted and a share of the bytes is noise."""
+    chance, stream, intact = random.Random(seed), list[bytes](), list[bytes]()
+    every = messages()
+    for number in range(frames):
+        raw = encode(chance.choice(every), sequence=number, system=1, component=1)
+        if chance.random() < share:
+            place = chance.randrange(len(raw))
+            raw = raw[:place] + bytes((raw[place] ^ chance.randint(1, 255),)) + raw[place + 1 :]
+        else:
+            intact.append(raw)
+        stream.append(raw)
+        if chance.random() < share * len(raw) / BURST:
+            stream.append(chance.randbytes(BURST))
+    parser = Parser()
+    found = [frame.raw for frame in [*parser.feed(b"".join(stream)), *parser.flush()]]
+    sent, handed = set(intact), set(found)
+    return Recovery(len(intact), sum(raw in handed for raw in intact), sum(raw not in sent for raw in found))
+
+
+def chance_bytes(count: int = 10_000_000, seed: int = 0) -> int:
+    """Feed bytes of chance, and hand back how many of them were accounted for."""
+    chance, parser, size = random.Random(seed), Parser(), 0
+    for begin in range(0, count, PIECE):
+        frames = parser.feed(chance.randbytes(min(PIECE, count - begin)))
+        size += sum(len(frame.raw) for frame in frames)
+    size += sum(len(frame.raw) for frame in parser.flush())
+    return size + parser.statistics.skipped

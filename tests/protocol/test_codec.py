@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
-from typing import TYPE_CHECKING
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from fastcrc.crc16 import mcrf4xx
@@ -31,7 +34,9 @@ from robotree.protocol.messages import (
     make,
 )
 from robotree.protocol.messages.base import codec_of
+from robotree.protocol.signing import EPOCH, UNITS, Key, Signer, SigningTime, StreamTable, Verifier
 from robotree.protocol.testing import Reference, check_codec
+from tests.protocol.golden import generate
 
 if TYPE_CHECKING:
     from robotree.protocol.codec import Value
@@ -222,3 +227,53 @@ def test_a_frame_knows_whom_it_is_for(message: AnyMessage, target: tuple[int, in
 
 def test_names_and_ids_tell_the_same_messages() -> None:
     assert {each.id for each in by_name().values()} == set(definitions())
+
+
+GOLDEN = Path(__file__).with_name("golden")
+FRAMES: list[dict[str, Any]] = [
+    json.loads(line) for line in (GOLDEN / "frames.jsonl").read_text().splitlines()
+]
+
+
+def _time() -> SigningTime:
+    moment = EPOCH + generate.TIMESTAMP / UNITS
+    return SigningTime(lambda: moment - 1, persisted=generate.TIMESTAMP - 1)
+
+
+def _plain(message: Any) -> dict[str, Any]:
+    fields = fields_of(message).items()
+    return {name: list(value) if isinstance(value, tuple | bytes) else value for name, value in fields}
+
+
+@pytest.mark.parametrize(
+    "golden", FRAMES, ids=[f"{one['name']}{' signed' * one['signed']}" for one in FRAMES]
+)
+def test_a_golden_frame_is_read_and_written_the_same(golden: dict[str, Any]) -> None:
+    raw, key = bytes.fromhex(golden["hex"]), Key(generate.SECRET)
+    verifier = Verifier(key, _time(), StreamTable()) if golden["signed"] else None
+    (frame,) = Parser(verifier).feed(raw)
+    assert frame.signed is golden["signed"]
+    assert (frame.system, frame.component) == (1, 190)
+    assert _plain(frame.message) == golden["fields"]
+
+    definition = by_name()[golden["name"]]
+    fields = {field.name: field for field in definition.fields}
+    values = [
+        value if not isinstance(value, list) else bytes(value) if fields[name].is_bytes else tuple(value)
+        for name, value in golden["fields"].items()
+    ]
+    message = codec_of(definition.id).build(*values)
+    signer = Signer(key, _time(), generate.LINK_ID) if golden["signed"] else None
+    again = encode(message, sequence=definition.id % 256, system=1, component=190, signer=signer)
+    assert again.hex() == golden["hex"]
+
+
+def test_the_file_is_what_the_reference_writes_today(oracle: ModuleType) -> None:
+    advice = "run `python -m tests.protocol.golden.generate` and look at the diff"
+    assert (GOLDEN / "frames.jsonl").read_text().splitlines() == [*generate.lines(oracle)], advice
+
+
+def test_every_message_of_ours_is_in_the_file() -> None:
+    ours = {each.name for each in definitions().values() if each.id in generate.OURS}
+    assert ours
+    assert ours <= {frame["name"] for frame in FRAMES}

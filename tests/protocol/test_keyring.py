@@ -1,4 +1,4 @@
-"""Keys lie in a file that nobody else can read, and time survives a restart."""
+"""Keys lie in a file that nobody else can read; what was heard is remembered over a kill and a power cut."""
 
 from __future__ import annotations
 
@@ -11,12 +11,20 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from robotree.protocol import Parser, encode
 from robotree.protocol.errors import KeyFileError, UnmatchedLink
+from robotree.protocol.links import heard as module
+from robotree.protocol.links.heard import RESERVE, HeardFile
 from robotree.protocol.links.keyring import Keyring, create
-from robotree.protocol.signing import Key
+from robotree.protocol.links.rejection import rejection
+from robotree.protocol.links.security import Security
+from robotree.protocol.messages import Timesync
+from robotree.protocol.signing import EPOCH, UNITS, Key, Signer, SigningTime
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from robotree.protocol.signing import Verifier
 
 ONE, TWO = "11" * 32, "22" * 32
 
@@ -414,3 +422,150 @@ def test_programs_that_replace_keys_at_the_same_time_leave_a_whole_file(path: Pa
     assert times == sorted(times)
     assert fingerprint(Keyring(path), CAN) == derived(TWO, CAN)
     assert sorted(each.name for each in path.parent.iterdir()) == ["wire.keys", "wire.keys.time"]
+
+
+NOW = 1_800_000_000.0
+NAME = "tcp:127.0.0.1:5760"
+
+
+@pytest.fixture
+def heard_path(tmp_path: Path) -> Path:
+    create(tmp_path / "cell.key")
+    return tmp_path / "cell.key.heard"
+
+
+def controller(heard_path: Path, at: float, heard: HeardFile) -> Verifier:
+    """Start a controller at a time of its clock [s]."""
+    pair = Security(Keyring(heard_path.with_suffix("")), lambda: at, heard=heard).signer_pair(NAME)
+    verifier = pair["verifier"]
+    assert verifier is not None
+    return verifier
+
+
+def said(heard_path: Path, at: float) -> bytes:
+    """A frame of a program whose clock shows a time [s]."""
+    key = Keyring(heard_path.with_suffix("")).key_for(NAME)
+    assert key is not None
+    signer = Signer(key, SigningTime(lambda: at), 7)
+    return encode(Timesync(1, 2), sequence=0, system=255, component=190, signer=signer)
+
+
+def passes(verifier: Verifier, frame: bytes) -> bool:
+    return bool(Parser(verifier).feed(frame))
+
+
+def test_what_was_heard_is_refused_after_a_kill_though_the_clock_was_set_back(heard_path: Path) -> None:
+    heard = HeardFile(heard_path)
+    recording = said(heard_path, NOW + 0.5)
+    assert passes(controller(heard_path, NOW, heard), recording)
+    heard.close()  # all that a kill leaves, for nothing was synced
+    again = HeardFile(heard_path)
+    restarted = controller(heard_path, NOW - 3600, again)
+    assert not passes(restarted, recording)
+    assert passes(restarted, said(heard_path, NOW + 0.6)), "a clock that was not set back is accepted at once"
+    again.close()
+
+
+def test_a_restart_delays_nobody_whose_clock_is_right(heard_path: Path) -> None:
+    for start in range(5):
+        heard = HeardFile(heard_path)
+        verifier = controller(heard_path, NOW + start, heard)
+        heard.reserve(int((NOW + start - EPOCH) * UNITS))
+        assert passes(verifier, said(heard_path, NOW + start + 0.001))
+        heard.close()
+
+
+def test_after_a_power_cut_nothing_that_may_have_been_heard_is_heard_again(
+    heard_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard = HeardFile(heard_path)
+    verifier = controller(heard_path, NOW, heard)
+    heard.reserve(int((NOW - EPOCH) * UNITS))
+    synced = heard_path.read_bytes()
+    later = [said(heard_path, NOW + seconds) for seconds in (1.0, 5.0, 19.0)]
+    assert all(passes(verifier, frame) for frame in later)
+    heard.close()
+    heard_path.write_bytes(synced)  # the rest was in the memory of the machine
+    monkeypatch.setattr(module, "_life", lambda: b"another one".ljust(36, b"-"))
+    heard = HeardFile(heard_path)
+    restarted = controller(heard_path, NOW - 100, heard)
+    assert not any(passes(restarted, frame) for frame in later)
+    assert passes(restarted, said(heard_path, NOW + RESERVE / UNITS + 0.1))
+    heard.close()
+
+
+def test_a_time_ahead_of_the_reserve_is_kept_for_good_at_once(
+    heard_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard = HeardFile(heard_path)
+    verifier = controller(heard_path, NOW, heard)
+    recording = said(heard_path, NOW + 59)
+    assert passes(verifier, recording)
+    heard.close()
+    monkeypatch.setattr(module, "_life", lambda: b"another one".ljust(36, b"-"))
+    heard = HeardFile(heard_path)
+    assert not passes(controller(heard_path, NOW, heard), recording)
+    heard.close()
+
+
+def test_who_is_refused_because_a_clock_was_set_back_is_told_what_to_do(heard_path: Path) -> None:
+    heard = HeardFile(heard_path)
+    assert passes(controller(heard_path, NOW, heard), said(heard_path, NOW + 0.1))
+    heard.close()
+    heard = HeardFile(heard_path)
+    verifier = controller(heard_path, NOW - 3600, heard)
+    assert not passes(verifier, said(heard_path, NOW - 3599))
+    assert "their clock is 3599 s behind, and 60 s are allowed; set both clocks right" in rejection(verifier)
+    assert "or give both ends a new key" in rejection(verifier)
+    heard.close()
+
+
+def test_no_flipped_bit_is_taken_for_an_earlier_time(
+    heard_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    heard = HeardFile(heard_path)
+    newest = int((NOW - EPOCH) * UNITS)
+    heard.reserve(newest)
+    heard.note(newest + 5)
+    heard.close()
+    whole = heard_path.read_bytes()
+    for bit in range(8 * len(whole)):
+        data = bytearray(whole)
+        data[bit // 8] ^= 1 << bit % 8
+        heard_path.write_bytes(data)
+        heard = HeardFile(heard_path)
+        assert heard.newest in {newest + 5, newest + RESERVE}
+        heard.close()
+    heard_path.write_bytes(b"nonsense" * 100)
+    heard = HeardFile(heard_path)
+    assert heard.newest == 0
+    assert "is damaged; recordings are refused by the clock alone" in caplog.text
+    heard.close()
+
+
+def test_two_controllers_cannot_have_one_name(heard_path: Path) -> None:
+    heard = HeardFile(heard_path)
+    with pytest.raises(KeyFileError, match="another process is the controller of this name"):
+        HeardFile(heard_path)
+    heard.close()
+    HeardFile(heard_path).close()
+
+
+def test_a_file_that_cannot_be_opened_is_refused_in_one_sentence(heard_path: Path) -> None:
+    with pytest.raises(KeyFileError, match="cannot be used: Is a directory"):
+        HeardFile(heard_path.parent)
+
+
+def test_a_full_disk_keeps_nobody_from_being_heard(
+    heard_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    heard = HeardFile(heard_path)
+    verifier = controller(heard_path, NOW, heard)
+    monkeypatch.setattr(module.os, "pwrite", full)
+    for second in range(1, 50):
+        assert passes(verifier, said(heard_path, NOW + second))
+    assert caplog.text.count("cannot be written (No space left on device)") == 1
+    heard.close()

@@ -1,4 +1,4 @@
-"""The laws of links, the same for every scheme there is."""
+"""The laws of links, the same for every scheme; of what waits for one, and of the link for tests."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from robotree.protocol.errors import LinkBroken
 from robotree.protocol.links.can import host as can_host
 from robotree.protocol.links.can import listener as can_listener
-from robotree.protocol.links.loopback import Loopback
+from robotree.protocol.links.link import LinkStatistics
+from robotree.protocol.links.loopback import Faults, Loopback
+from robotree.protocol.links.outbox import Outbox
 from robotree.protocol.links.url import SCHEMES, connect, listen
 from robotree.protocol.testing import (
     RecordingHandler,
@@ -162,3 +167,135 @@ async def test_a_place_that_is_taken_is_refused_in_one_sentence(
         stack.push_async_callback(first.close)
         monkeypatch.setattr(can_listener, "CLAIM_TIME", 60.0)  # the other one answers, sooner or later
         await check_refused(lambda accept: listen(first.address, accept))
+
+
+frames = st.lists(st.tuples(st.binary(min_size=1, max_size=9), st.sampled_from([None, "tool", "joints"])))
+
+
+def _drain(box: Outbox) -> list[bytes]:
+    drained = []
+    while (frame := box.pop()) is not None:
+        drained.append(frame)
+    return drained
+
+
+@given(frames)
+def test_what_has_no_topic_is_never_dropped_and_keeps_its_order(sent: list[tuple[bytes, str | None]]) -> None:
+    box = Outbox()
+    for i, (frame, topic) in enumerate(sent):
+        box.put(bytes((i % 256,)) + frame if topic is None else b"telemetry", topic)
+    urgent = [bytes((i % 256,)) + frame for i, (frame, topic) in enumerate(sent) if topic is None]
+    assert [frame for frame in _drain(box) if frame != b"telemetry"] == urgent
+
+
+@given(frames)
+def test_of_each_topic_only_the_newest_waits(sent: list[tuple[bytes, str | None]]) -> None:
+    box = Outbox()
+    for frame, topic in sent:
+        box.put(frame, topic)
+    newest = {topic: frame for frame, topic in sent if topic is not None}
+    urgent = [frame for frame, topic in sent if topic is None]
+    assert box.waiting == sum(map(len, [*newest.values(), *urgent]))
+    assert box.superseded == len(sent) - len(urgent) - len(newest)
+    assert sorted(_drain(box)) == sorted([*newest.values(), *urgent])
+    assert box.waiting == 0
+
+
+@given(frames, st.integers(0, 60))
+def test_an_outbox_that_outgrows_its_bound_says_so_and_counts_what_left(
+    sent: list[tuple[bytes, str | None]], bound: int
+) -> None:
+    box = Outbox(bound)
+    for frame, topic in sent:
+        box.put(frame, topic)
+        overrun = box.overrun("tcp:far")
+        assert (overrun is not None) == (box.waiting > bound)
+        if overrun is not None:
+            assert (overrun.address, overrun.waiting) == ("tcp:far", box.waiting)
+    waited = box.waiting
+    drained = _drain(box)
+    assert box.statistics(7) == LinkStatistics(
+        sent=sum(map(len, drained)), received=0, waiting=7, superseded=len(sent) - len(drained), dropped=0
+    )
+    assert box.statistics().sent == waited
+    assert box.overrun("tcp:far") is None
+
+
+def test_a_newer_frame_takes_the_place_of_the_older_one() -> None:
+    box = Outbox()
+    for frame, topic in [(b"t1", "t"), (b"ack", None), (b"t2", "t")]:
+        box.put(frame, topic)
+    assert _drain(box) == [b"t2", b"ack"]
+
+
+class Letters:
+    """Hears single frames."""
+
+    def __init__(self, network: Loopback | None = None) -> None:
+        self.network = network
+        self.heard: list[tuple[float, bytes]] = []
+        self.reasons: list[Exception] = []
+
+    def received(self, data: bytes) -> None:
+        assert self.network is not None
+        self.heard.append((self.network.now, data))
+
+    def closed(self, reason: Exception) -> None:
+        self.reasons.append(reason)
+
+
+def _play(faults: Faults, frames: int = 500) -> tuple[Letters, Loopback]:
+    letters = Letters()
+    network = Loopback(lambda _: Letters(), lambda _: letters, faults)
+    letters.network = network
+    for i in range(frames):
+        network.advance(i * 0.01)
+        network.near.send(i.to_bytes(2, "big"))
+    network.advance(1000.0)
+    return letters, network
+
+
+def test_the_same_seed_gives_the_same_accidents() -> None:
+    faults = Faults(loss=0.1, duplication=0.1, delay=0.05, jitter=0.05, seed=3)
+    assert _play(faults)[0].heard == _play(faults)[0].heard
+    assert _play(faults)[0].heard != _play(Faults(loss=0.1, seed=4))[0].heard
+
+
+def test_frames_arrive_when_they_are_due() -> None:
+    letters, _ = _play(Faults(delay=0.25), frames=3)
+    assert [moment for moment, _ in letters.heard] == pytest.approx([0.25, 0.26, 0.27])
+
+
+@pytest.mark.parametrize(("loss", "expected"), [(0.0, 500), (1.0, 0)])
+def test_loss(loss: float, expected: int) -> None:
+    assert len(_play(Faults(loss=loss))[0].heard) == expected
+
+
+def test_jitter_lets_frames_overtake_each_other_and_loses_none() -> None:
+    data = [frame for _, frame in _play(Faults(jitter=0.1))[0].heard]
+    assert data != sorted(data)
+    assert sorted(data) == [i.to_bytes(2, "big") for i in range(500)]
+
+
+def test_duplication_brings_some_frames_twice() -> None:
+    data = [frame for _, frame in _play(Faults(duplication=0.5))[0].heard]
+    assert 700 < len(data) < 800
+    assert len(set(data)) == 500
+
+
+def test_a_cut_breaks_both_ends_and_loses_what_is_under_way() -> None:
+    near, far = Letters(), Letters()
+    network = Loopback(lambda _: near, lambda _: far, Faults(delay=1.0))
+    network.near.send(b"lost")
+    network.cut()
+    network.advance(10.0)
+    assert far.heard == []
+    assert [type(reason) for reason in (*near.reasons, *far.reasons)] == [LinkBroken, LinkBroken]
+    network.near.send(b"too late")
+    assert network.near.statistics.dropped == 1
+
+
+def test_ends_are_told_apart() -> None:
+    network = Loopback(RecordingHandler, RecordingHandler)
+    assert network.near.address != network.far.address
+    assert not network.near.congested

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench.wire.codec import encoder
 from robotree.protocol import Endpoint, Frame, Parser, encode
 from robotree.protocol.links.link import encoded
 from robotree.protocol.links.loopback import Loopback
@@ -29,13 +30,11 @@ from robotree.protocol.signing import (
     Verifier,
     hkdf,
 )
-from robotree.protocol.testing import RecordingHandler, Reference, check_codec
+from robotree.protocol.testing import RecordingHandler, check_codec
 
 if TYPE_CHECKING:
     from types import ModuleType
 
-    from robotree.protocol.codec import Value
-    from robotree.protocol.dialect import Definition
     from robotree.protocol.messages import AnyMessage
 
 SECRET = bytes(range(32))
@@ -69,24 +68,8 @@ def test_every_signed_message_has_the_bytes_of_the_reference(oracle: ModuleType)
     speaker = oracle.MAVLink(None)
     speaker.signing.secret_key, speaker.signing.sign_outgoing = SECRET, True
     speaker.signing.link_id, speaker.signing.timestamp = 3, int((NOW - EPOCH) * UNITS)
-
-    def reference(
-        definition: Definition, values: dict[str, Value], sequence: int, system: int, component: int
-    ) -> bytes:
-        speaker.srcSystem, speaker.srcComponent, speaker.seq = system, component, sequence
-        theirs = {
-            name: value.encode()
-            if isinstance(value, str)
-            else list(value)
-            if isinstance(value, tuple | bytes)
-            else value
-            for name, value in values.items()
-        }
-        return bytes(oracle.mavlink_map[definition.id](**theirs).pack(speaker))
-
-    named: Reference = reference
     first = SigningTime(lambda: NOW - 3600, persisted=speaker.signing.timestamp - 1)
-    assert check_codec(named, signer=Signer(KEY, first, 3), rounds=2) > 400
+    assert check_codec(encoder(oracle, speaker), signer=Signer(KEY, first, 3), rounds=2) > 400
 
 
 def test_a_signed_frame_passes_once() -> None:

@@ -1,4 +1,4 @@
-"""Goals of a proxy: how a motion reads on the wire, when a goal is repeated, how its end reaches the caller."""
+"""Goals of a proxy: how a motion reads on the wire, when it is repeated, how its end comes to the caller."""
 
 from __future__ import annotations
 

@@ -5,7 +5,10 @@ In virtual time, over real frames.
 
 from __future__ import annotations
 
+import itertools
 import math
+import random
+import time
 
 import numpy as np
 import pytest
@@ -21,14 +24,17 @@ from robotree.protocol.messages import (
     Tags,
     Verb,
 )
-from robotree.sim.companion.figure import JOINT_NAMES, SIDES, Figure
+from robotree.sim.companion import figure as figures
+from robotree.sim.companion.figure import ARMS, JOINT_NAMES, SIDES, Figure, Pose, tool
 from robotree.sim.companion.flat import PREFIX, TABLE_TOP
-from robotree.sim.companion.planner import REST
+from robotree.sim.companion.guard import BODY, LIMB, NEIGHBOURS
+from robotree.sim.companion.planner import REST, SEEDS
 from robotree.sim.companion.tuning import FORCE_LIMIT, HAND_SPEED
 from robotree.sim.companion.visitors import Say, Walk
 from robotree.sim.companion.world import Flat, build
 from robotree.sim.firmware import COMPONENT
 from robotree.sim.kinds import HEAD, LEFT_ARM, RIGHT_ARM
+from robotree.sim.physics.engine import mujoco
 from robotree.sim.physics.vectors import Vector
 from robotree.sim.testing import NAN, CompanionBench, Operator
 
@@ -282,3 +288,115 @@ def test_an_empty_battery_refuses_what_moves_and_still_holds(free: CompanionBenc
     assert "battery" in refused(free.base, Reason.FAULT, Verb.DRIVE, 0.5, 0.0, 0.0)
     refused(free.left, Reason.FAULT, Verb.POSTURE, *REST)
     free.left.succeed(Verb.HOLD)
+
+
+ALLOWED = {Reason.OUT_OF_REACH, Reason.SELF_COLLISION, Reason.PATH_BLOCKED, Reason.TIP_OVER}
+"""Why a random reach may be refused."""
+
+
+def pairs(bench: CompanionBench) -> list[tuple[int, int]]:
+    """Geoms of the body that must not touch."""
+    model = bench.world.cell.model
+    limbs = [(side, limb) for side in SIDES for limb in LIMB]
+    names = [
+        (f"{side}_{limb}", body)
+        for (side, limb), body in itertools.product(limbs, BODY)
+        if (limb, body) not in NEIGHBOURS
+    ]
+    names += [(f"left_{mine}", f"right_{other}") for mine, other in itertools.product(LIMB, LIMB)]
+    return [(model.geom(PREFIX + a).id, model.geom(PREFIX + b).id) for a, b in names]
+
+
+def smallest_gap(bench: CompanionBench, among: list[tuple[int, int]]) -> float:
+    """[m] between any two of them; 5 cm when all are further apart."""
+    cell = bench.world.cell
+    return min(mujoco.mj_geomDistance(cell.model, cell.data, a, b, 0.05, None) for a, b in among)
+
+
+def ask(arm: Operator, side: int, chance: random.Random) -> int:
+    """Ask for a random reach, often before the body, where the arms meet."""
+    x, z = chance.uniform(-0.1, 0.65), chance.uniform(0.35, 1.45)
+    y = chance.uniform(-0.25, 0.65) * (1 if side == 0 else -1)
+    return arm.ask(Verb.REACH, x, y, z, NAN, NAN, chance.uniform(0.25, 0.8))
+
+
+def reach_at_random(count: int, seed: int) -> tuple[int, float, float]:
+    """Let both arms reach `count` times; returns how many did, the smallest gap [m], the peak [N]."""
+    chance, bench = random.Random(seed), CompanionBench()
+    among, arms = pairs(bench), (bench.left, bench.right)
+    keys: list[int | None] = [None, None]
+    reached = asked = 0
+    gap = 1.0
+    while asked < count or any(key is not None for key in keys):
+        for side, arm in enumerate(arms):
+            key = keys[side]
+            if key is None and asked < count:
+                keys[side] = ask(arm, side, chance)
+                asked += 1
+            elif key is not None and arm.knows(key) and GoalState(arm.status_of(key).state).final:
+                status = arm.status_of(key)
+                reached += status.state == GoalState.SUCCEEDED
+                if status.state == GoalState.REFUSED:
+                    assert Reason(status.reason) in ALLOWED, status.text
+                    assert status.text
+                keys[side] = None
+        bench.base.step()
+        bench.base.step()
+        gap = min(gap, smallest_gap(bench, among))
+    peak = max(limb.state().peak_force for limb in bench.world.body.limbs)
+    return reached, gap, peak
+
+
+def test_random_reaches_never_bring_the_body_to_touch_itself() -> None:
+    reached, gap, peak = reach_at_random(24, seed=3)
+    assert reached >= 5
+    assert gap > 0.0
+    assert peak < FORCE_LIMIT
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(900)
+def test_five_hundred_random_reaches_never_bring_the_body_to_touch_itself() -> None:
+    reached, gap, peak = reach_at_random(500, seed=1)
+    assert reached > 100
+    assert gap > 0.0
+    assert peak < FORCE_LIMIT
+
+
+@pytest.fixture(scope="module")
+def figure() -> Figure:
+    return Figure()
+
+
+@pytest.mark.speed
+def test_a_search_that_comes_no_nearer_is_given_up(figure: Figure) -> None:
+    q = np.zeros(15)
+    beyond = Pose(np.array((2.0, 0.3, 1.0)), tool(0.0, math.pi / 2))
+    began = time.thread_time()
+    found = figure.solve(0, beyond, q, np.array(REST), iterations=1_000_000)
+    assert not found.reached
+    assert time.thread_time() - began < 0.5
+
+
+def test_giving_up_early_loses_no_posture_that_a_long_search_finds(
+    figure: Figure, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chance = np.random.default_rng(3)
+    lower, upper = figure.lower[ARMS[0]], figure.upper[ARMS[0]]
+    goals: list[Pose] = []
+    for _ in range(60):
+        q = np.zeros(15)
+        q[ARMS[0]] = chance.uniform(lower, upper)
+        pose = figure.pose(0, q)
+        moved = chance.choice((0.0, 0.3), p=(0.7, 0.3))  # some a little out of reach
+        goals.append(Pose(pose.position + np.array((moved, 0.0, 0.0)), pose.rotation))
+
+    def reached() -> list[bool]:
+        seeds = [np.array(seed) for seed in SEEDS]
+        return [any(figure.solve(0, goal, q, seed, 40).reached for seed in seeds) for goal in goals]
+
+    q = np.zeros(15)
+    soon = reached()
+    monkeypatch.setattr(figures, "NEARER", math.inf)
+    assert soon == reached()
+    assert 20 < sum(soon) < 58, "both kinds were among them"

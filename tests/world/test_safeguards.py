@@ -118,7 +118,7 @@ ELSEWHERE = {
     "a request is void some time after it was asked": "vr/core/test_envelope.py",
     "a controller ends a goal whose time is over": "protocol/test_goals.py",
     "a controller refuses what was asked of an earlier life of it": "protocol/test_goals.py",
-    "a controller refuses goals of a proxy that does not hold it any more": "protocol/test_fence.py",
+    "a controller refuses goals of a proxy that does not hold it any more": "protocol/test_control.py",
     "a stop is asked for again until it is confirmed": "proxy/test_desired_mode.py",
     "a list of keys proves that it is whole": "vr/network/test_rendezvous.py",
 }

@@ -1,22 +1,35 @@
-"""The loopback bus does what python-can promises of a bus."""
+"""The loopback bus: what python-can promises, who comes finds everybody, and records survive the way."""
 
 from __future__ import annotations
 
 import asyncio
+import errno
+import logging
+import os
 import select
 import socket
 import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from itertools import pairwise
 
 import can
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from robotree.protocol.canbus import LoopbackBus, channel_id, first_port
+from robotree.protocol.canbus import LoopbackBus, channel_id, first_port, membership
 from robotree.protocol.canbus.membership import GLANCE, STALLED_AFTER, Wire
-from robotree.protocol.canbus.records import Greeting
-from robotree.protocol.canbus.seats import HOST
+from robotree.protocol.canbus.records import (
+    GREETING_BYTES,
+    LARGEST_RECORD,
+    Greeting,
+    Records,
+    encode,
+    read_greeting,
+)
+from robotree.protocol.canbus.seats import HOST, SEATS
 from tests.waiting import wait_until
 
 Buses = Callable[..., LoopbackBus]
@@ -285,3 +298,248 @@ def test_python_can_finds_the_interface_by_its_name(channel: str) -> None:
         assert isinstance(bus, LoopbackBus)
         assert channel in str(bus)
     assert {"interface": "robotree", "channel": "robotree"} in can.detect_available_configs("robotree")
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> can.Message:
+    """Every kind of frame that python-can can describe."""
+    extended = draw(st.booleans())
+    kind = draw(st.sampled_from(["data", "remote", "error", "fd"]))
+    fd = kind == "fd"
+    return can.Message(
+        arbitration_id=draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF)),
+        is_extended_id=extended,
+        is_remote_frame=kind == "remote",
+        is_error_frame=kind == "error",
+        is_fd=fd,
+        bitrate_switch=fd and draw(st.booleans()),
+        error_state_indicator=fd and draw(st.booleans()),
+        dlc=draw(st.integers(0, 8)) if kind == "remote" else None,
+        data=None if kind == "remote" else draw(st.binary(max_size=64 if fd else 8)),
+        check=True,
+    )
+
+
+@given(sent=st.lists(messages(), max_size=5), cuts=st.lists(st.integers(0, 400)))
+def test_frames_survive_being_cut_anywhere(sent: list[can.Message], cuts: list[int]) -> None:
+    stream = b"".join(encode(message, timestamp=1.5) for message in sent)
+    records, arrived, position = Records("cell"), [], 0
+    for cut in [*sorted(cuts), len(stream)]:
+        arrived += records.feed(stream[position:cut])
+        position = max(position, cut)
+    assert records.intact
+    assert len(arrived) == len(sent)
+    for one, other in zip(arrived, sent, strict=True):
+        assert one.equals(other, timestamp_delta=None, check_channel=False)
+        assert (one.timestamp, one.channel, one.is_rx) == (1.5, "cell", True)
+
+
+@given(message=messages())
+def test_a_record_is_never_longer_than_it_may_be(message: can.Message) -> None:
+    assert len(encode(message, 0.0)) <= LARGEST_RECORD
+
+
+@given(chunks=st.lists(st.binary(max_size=200)))
+def test_no_bytes_raise_and_nonsense_is_never_taken_up_again(chunks: list[bytes]) -> None:
+    records = Records("cell")
+    for chunk in chunks:
+        was_intact = records.intact
+        arrived = records.feed(chunk)
+        assert was_intact or not arrived
+
+
+def test_one_wrong_byte_ends_the_trust_in_a_stream() -> None:
+    good = encode(can.Message(arbitration_id=1, data=b"ok"), 0.0)
+    records = Records("cell")
+    assert len(records.feed(good + b"GET / HTTP/1.1\r\n" + good)) == 1
+    assert not records.intact
+    assert records.feed(good) == []
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        can.Message(arbitration_id=1 << 29),
+        can.Message(arbitration_id=0x800, is_extended_id=False),
+        can.Message(arbitration_id=-1),
+        can.Message(data=bytes(9)),
+        can.Message(data=bytes(65), is_fd=True),
+        can.Message(data=b"abc", dlc=4),
+        can.Message(is_fd=True, is_remote_frame=True),
+    ],
+    ids=repr,
+)
+def test_a_frame_that_contradicts_itself_is_the_callers_mistake(message: can.Message) -> None:
+    with pytest.raises(ValueError, match="no CAN frame is like this"):
+        encode(message, 0.0)
+
+
+@given(answer=st.booleans(), channel=st.integers(0, 2**32 - 1), token=st.integers(0, 2**64 - 1))
+def test_greetings_are_understood(answer: bool, channel: int, token: int) -> None:  # noqa: FBT001
+    greeting = Greeting(answer=answer, channel=channel, token=token)
+    data = greeting.encode()
+    assert len(data) == GREETING_BYTES
+    assert read_greeting(data) == greeting
+
+
+@given(data=st.binary(max_size=20))
+def test_nothing_else_is_a_greeting(data: bytes) -> None:
+    assert read_greeting(data) is None
+
+
+@given(name=st.text(min_size=1, max_size=12).filter(lambda name: not name.isdigit()))
+def test_a_named_channel_lies_below_the_ports_that_systems_hand_out(name: str) -> None:
+    assert 1024 < first_port(name) <= 32768 - SEATS
+
+
+def test_named_channels_do_not_overlap() -> None:
+    firsts = sorted({first_port(f"channel {index}") for index in range(200)})
+    assert all(b - a >= SEATS for a, b in pairwise(firsts))
+
+
+@pytest.mark.parametrize("port", [0, 80, 65536 - SEATS + 1, "70000"])
+def test_a_channel_that_is_no_port_is_refused(port: int | str) -> None:
+    with pytest.raises(ValueError, match="choose one, or a name"):
+        first_port(port)
+
+
+"""[s] A frame that has not come by then will not come."""
+
+
+def test_leaving_twice_is_harmless_and_final(channel: str, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING), LoopbackBus(channel) as bus:
+        bus.shutdown()
+        bus.shutdown()
+        with pytest.raises(can.CanOperationError, match="shut down"):
+            bus.send(can.Message())
+        with pytest.raises(can.CanOperationError, match="shut down"):
+            bus.recv(0)
+    del bus
+    assert not caplog.records
+    assert not [thread for thread in threading.enumerate() if channel in thread.name]
+
+
+def test_who_reads_on_after_leaving_touches_no_descriptor_of_others(channel: str) -> None:
+    with LoopbackBus(channel) as one:
+        two = LoopbackBus(channel)
+        for index in range(3):
+            one.send(can.Message(arbitration_id=index))
+        one.shutdown()  # what was sent has arrived
+        assert two.recv(SOON)
+        bell = two._bell
+        two.shutdown()
+        with socket.socket() as other:
+            assert other.fileno() <= bell, "the system gives the lowest descriptor that is free"
+            assert [message.arbitration_id for _ in range(2) if (message := two.recv(0))] == [1, 2]
+            with pytest.raises(can.CanOperationError, match="shut down"):
+                two.recv(0)
+
+
+def test_what_was_sent_before_leaving_still_arrives(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(membership, "LINGER", SOON)  # the reader reads, however slow the machine is
+    message, arrived = can.Message(data=bytes(64), is_fd=True), 0
+    with LoopbackBus(channel) as reader:
+        sender = LoopbackBus(channel)
+        for _ in range(8000):
+            sender.send(message)
+        leaving = threading.Thread(target=sender.shutdown)
+        leaving.start()
+        while arrived < 8000 and reader.recv(SOON):
+            arrived += 1
+        leaving.join()
+    assert arrived == 8000
+
+
+def test_leaving_wakes_whoever_waits_for_a_frame(channel: str) -> None:
+    bus, ended = LoopbackBus(channel), threading.Event()
+
+    def wait() -> None:
+        with pytest.raises(can.CanOperationError):
+            bus.recv(None)
+        ended.set()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    bus.shutdown()
+    assert ended.wait(SOON)
+    thread.join()
+
+
+def test_the_seat_of_one_who_left_is_free_again(channel: str) -> None:
+    with LoopbackBus(channel) as stays:
+        for _ in range(2 * SEATS):
+            LoopbackBus(channel).shutdown()
+        with LoopbackBus(channel) as newcomer:
+            newcomer.send(can.Message(arbitration_id=9))
+            assert stays.recv(SOON)
+
+
+def test_a_full_bus_says_so(channel: str) -> None:
+    members = [LoopbackBus(channel) for _ in range(SEATS)]
+    with pytest.raises(can.CanInitializationError, match="no free seat"):
+        LoopbackBus(channel)
+    members[0].send(can.Message(arbitration_id=1))
+    assert all(member.recv(SOON) for member in members[1:])
+    for member in members:
+        member.shutdown()
+
+
+def test_many_who_join_at_the_same_moment_all_hear_each_other(
+    channel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(membership, "ANSWER", SOON)  # all answer, however slow the machine is
+    members: list[LoopbackBus] = []
+    joiners = [threading.Thread(target=lambda: members.append(LoopbackBus(channel))) for _ in range(8)]
+    for joiner in joiners:
+        joiner.start()
+    for joiner in joiners:
+        joiner.join()
+    for index, member in enumerate(members):
+        member.send(can.Message(arbitration_id=index))
+    for index, member in enumerate(members):
+        heard = [message.arbitration_id for _ in range(7) if (message := member.recv(SOON))]
+        assert sorted(heard) == [other for other in range(8) if other != index]
+        assert member.recv(0) is None, "nobody is heard twice"
+    for member in members:
+        member.shutdown()
+
+
+def test_who_leaves_while_being_greeted_leaves_nothing_behind(
+    channel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    met: list[socket.socket] = []
+
+    def meet(*where: object) -> socket.socket:
+        """Connect to somebody whose process ends at this moment."""
+        met.append(connect(*where))
+        leaving.accept()[0].close()
+        met[-1].shutdown(socket.SHUT_WR)  # a reset may come late; from here on every word fails
+        return met[-1]
+
+    connect = socket.create_connection
+    monkeypatch.setattr(socket, "create_connection", meet)
+    with socket.create_server((HOST, first_port(channel) + 1)) as leaving, LoopbackBus(channel) as bus:
+        assert bus.statistics.members == 0
+        assert [connection.fileno() for connection in met] == [-1]
+
+
+def test_who_gets_no_seat_since_the_system_has_no_socket_left_leaves_nothing_behind(
+    channel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none_left(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    bells: list[int] = []
+
+    def eventfd(*flags: int) -> int:
+        bells.append(ring(*flags))
+        return bells[-1]
+
+    ring = os.eventfd
+    monkeypatch.setattr(os, "eventfd", eventfd)
+    monkeypatch.setattr(socket, "socket", none_left)
+    with pytest.raises(OSError, match="Too many"):
+        LoopbackBus(channel)
+    (bell,) = bells
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(bell)

@@ -1,6 +1,6 @@
 """Write frames.jsonl anew: frames as pymavlink's generated code writes them, one JSON object per line.
 
-    python tests/protocol/golden/generate.py
+    python -m tests.protocol.golden.generate
 
 Run it when a message of robotree.xml is added or changed. The file is checked in so that a change of bytes is
 seen in a diff, whatever changed them: our codec, the dialect, or the generator itself.
@@ -8,16 +8,13 @@ seen in a diff, whatever changed them: our codec, the dialect, or the generator 
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import random
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
-from robotree.protocol.dialect import compile as compiler
+from bench.wire.codec import SECRET, encoder, generate
 from robotree.protocol.dialect.table import Definition, definitions
 from robotree.protocol.testing import random_values
 
@@ -26,23 +23,9 @@ OURS = range(57600, 57700)
 """Ids of the dialect's own messages."""
 BORROWED = ("HEARTBEAT", "PING", "TIMESYNC", "STATUSTEXT", "COMMAND_LONG", "COMMAND_ACK", "PARAM_VALUE")
 SIGNED = ("HEARTBEAT", "ROBOTREE_GOAL", "ROBOTREE_JOINTS")
-SECRET = bytes(range(32))
 LINK_ID = 7
 TIMESTAMP = 37_500_000_000_000
 """In units of 10 us since 2015: in November 2026."""
-
-
-def oracle() -> ModuleType:
-    """The module that pymavlink's generator makes of the dialect."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "robotree_golden.py"
-        compiler.generate(path)
-        spec = importlib.util.spec_from_file_location("robotree_golden", path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    return module
 
 
 def lines(reference: ModuleType) -> Iterator[str]:
@@ -58,23 +41,14 @@ def lines(reference: ModuleType) -> Iterator[str]:
 
 def _line(reference: ModuleType, definition: Definition, chance: random.Random, *, signed: bool) -> str:
     values = random_values(definition, chance)
-    theirs: dict[str, Any] = {
-        name: value.encode()
-        if isinstance(value, str)
-        else list(value)
-        if isinstance(value, tuple | bytes)
-        else value
-        for name, value in values.items()
-    }
-    speaker = reference.MAVLink(None, srcSystem=1, srcComponent=190)
-    speaker.seq = definition.id % 256
+    speaker = reference.MAVLink(None)
     if signed:
         speaker.signing.secret_key, speaker.signing.sign_outgoing = bytearray(SECRET), True
         speaker.signing.link_id, speaker.signing.timestamp = LINK_ID, TIMESTAMP
-    frame = bytes(reference.mavlink_map[definition.id](**theirs).pack(speaker))
+    frame = encoder(reference, speaker)(definition, values, definition.id % 256, 1, 190)
     plain = {name: list(value) if isinstance(value, bytes) else value for name, value in values.items()}
     return json.dumps({"name": definition.name, "signed": signed, "hex": frame.hex(), "fields": plain})
 
 
 if __name__ == "__main__":
-    FILE.write_text("".join(f"{line}\n" for line in lines(oracle())))
+    FILE.write_text("".join(f"{line}\n" for line in lines(generate())))

@@ -7,16 +7,10 @@ from types import ModuleType
 
 import pytest
 
-from bench.wire import codec, reference
-from bench.wire.figures import CLIENTS, CODEC, FIGURES, Figure, Promise
-from bench.wire.recovery import chance_bytes, recovery
+from bench.wire import codec
+from bench.wire.figures import CLIENTS, CODEC, FIGURES, Figure, Promise, chance_bytes, recovery
 from bench.wire.round_trips import compare
 from robotree.protocol.testing import check_codec
-
-
-@pytest.fixture(scope="module")
-def mavgen() -> ModuleType:
-    return reference.generate()
 
 
 def test_a_promise_is_kept_on_the_right_side_of_its_bound() -> None:
@@ -28,10 +22,10 @@ def test_a_promise_is_kept_on_the_right_side_of_its_bound() -> None:
     assert not Figure(small, float("nan")).kept
 
 
-def test_every_codec_promise_is_measured_on_40_bytes(mavgen: ModuleType) -> None:
+def test_every_codec_promise_is_measured_on_40_bytes(oracle: ModuleType) -> None:
     message = codec.telemetry_40()
     assert message.codec.length == 40
-    found = [each for signed in (False, True) for each in codec.contests(message, mavgen, signed=signed)]
+    found = [each for signed in (False, True) for each in codec.contests(message, oracle, signed=signed)]
     assert {*CODEC} <= {each.name for each in found}
     for each in found:
         outcome = codec.compare(each, rounds=2)
@@ -59,21 +53,21 @@ def test_a_reference_that_was_disturbed_makes_the_figure_unsure_and_not_better()
     assert codec.compare(quiet, rounds=1).sure
 
 
-def test_both_sides_of_a_contest_do_the_same(mavgen: ModuleType) -> None:
+def test_both_sides_of_a_contest_do_the_same(oracle: ModuleType) -> None:
     for message in codec.messages():
         values = [getattr(message, field.name) for field in message.codec.definition.fields]
-        theirs = mavgen.mavlink_map[message.codec.definition.id](*values)
-        frames, *_ = (contest.ours() for contest in codec.contests(message, mavgen, signed=False)[1:2])
+        theirs = oracle.mavlink_map[message.codec.definition.id](*values)
+        frames, *_ = (contest.ours() for contest in codec.contests(message, oracle, signed=False)[1:2])
         raw = [frame.raw for frame in frames]  # type: ignore[attr-defined]  # this contest hands out frames
-        speaker = reference.speaker(mavgen, signed=False)
+        speaker = codec.speaker(oracle, signed=False)
         assert len(raw) == codec.BATCH
         for number, packed in enumerate(raw):
             speaker.seq = number
             assert bytes(theirs.pack(speaker)) == packed
 
 
-def test_the_reference_is_what_the_codec_is_compared_with(mavgen: ModuleType) -> None:
-    assert check_codec(reference.encoder(mavgen), rounds=1) == len(mavgen.mavlink_map)
+def test_the_reference_is_what_the_codec_is_compared_with(oracle: ModuleType) -> None:
+    assert check_codec(codec.encoder(oracle), rounds=1) == len(oracle.mavlink_map)
 
 
 def test_a_bad_stream_gives_back_all_that_is_whole_in_it() -> None:

@@ -1,4 +1,4 @@
-"""The table of a link tells what came, how often, and what did not."""
+"""The tables of a link tell what came, how often, and who is there."""
 
 from __future__ import annotations
 
@@ -9,9 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol import Parser, encode
-from robotree.protocol.messages import AnyMessage, Gripper, NamedValueFloat, Timesync, make
+from robotree.protocol.messages import (
+    AnyMessage,
+    Gripper,
+    Heartbeat,
+    MavState,
+    MavType,
+    NamedValueFloat,
+    Timesync,
+    make,
+)
+from robotree.protocol.services.heartbeat import SILENCE
 from robotree.protocol.services.ping import summary
-from robotree.protocol.tools.capture.gauges import MAX_ENTRIES, LinkGauge, Rate
+from robotree.protocol.tools.capture.gauges import MAX_ENTRIES, MAX_PEERS, LinkGauge, PeerReading, Rate
 
 
 def speaker(system: int = 1) -> Callable[[AnyMessage], bytes]:
@@ -131,3 +141,42 @@ def test_trips_are_told_by_their_order() -> None:
     told = (trips.shortest, trips.median, trips.late, trips.longest)
     assert told == pytest.approx((0.001, 0.051, 0.1, 0.1))
     assert summary(3, []).median is None
+
+
+ROVER = Heartbeat(MavType.GROUND_ROVER, 0, 0, 0, MavState.ACTIVE)
+
+
+def say(message: AnyMessage, system: int = 1, component: int = 1) -> bytes:
+    return encode(message, sequence=0, system=system, component=component)
+
+
+def test_who_falls_silent_is_gone_and_who_speaks_again_is_there() -> None:
+    gauge = LinkGauge("tcp:far")
+    gauge.receive(say(ROVER) + say(ROVER, 2), 1.0)
+    gauge.receive(say(Timesync(0, 1)), 3.0)
+    rover = PeerReading(1, 1, MavType.GROUND_ROVER, MavState.ACTIVE, 1.5, there=True)
+    gone = PeerReading(2, 1, MavType.GROUND_ROVER, MavState.ACTIVE, 3.5, there=False)
+    assert gauge.reading(4.5).peers == [rover, gone]
+    gauge.receive(say(Timesync(0, 1), 2), 5.0)
+    assert [peer.there for peer in gauge.reading(5.0).peers] == [True, False], "it has yet to say who it is"
+    gauge.receive(say(ROVER, 2), 5.5)
+    assert [peer.there for peer in gauge.reading(5.5).peers] == [True, True]
+
+
+def test_the_latest_heartbeat_counts() -> None:
+    gauge = LinkGauge("tcp:far")
+    for state in (MavState.BOOT, MavState.CRITICAL):
+        gauge.receive(say(Heartbeat(0, 0, 0, 0, state)), 1.0)
+    (peer,) = gauge.reading(1.0).peers
+    assert peer.state == MavState.CRITICAL
+
+
+def test_forged_peers_that_come_and_go_do_not_fill_the_memory() -> None:
+    gauge = LinkGauge("tcp:far")
+    for wave in range(3):
+        now = wave * 2 * SILENCE
+        crowd = (divmod(wave * MAX_PEERS + i, 255) for i in range(MAX_PEERS))
+        gauge.receive(b"".join(say(ROVER, 1 + system, component) for component, system in crowd), now)
+        peers = gauge.reading(now + SILENCE).peers
+        assert len(peers) == MAX_PEERS
+        assert not any(peer.there for peer in peers)
