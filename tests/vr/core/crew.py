@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
+from collections.abc import Awaitable
 from typing import Annotated, Any
 
 import msgspec
@@ -19,7 +21,7 @@ class Where(msgspec.Struct):
 
 
 class Rover(Robot):
-    """A rover."""
+    """A rover; if it is `silent`, its controller answers when the test lets it."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -28,6 +30,8 @@ class Rover(Robot):
         self.epochs: list[int] = []
         self.deadlines: list[float] = []
         self.stops: list[str] = []
+        self.silent = False
+        self.answers: list[asyncio.Future[None]] = []
 
     @command(effect="once")
     def move(self, x: Metres, y: float = 0.0) -> None:  # noqa: ARG002 # a straight rover
@@ -48,11 +52,19 @@ class Rover(Robot):
     def fall(self) -> None:
         raise ValueError("over")
 
-    def safe_stop(self, reason: str) -> None:
+    def safe_stop(self, reason: str) -> Awaitable[None] | None:
         self.stops.append(reason)
+        return self.answer()
 
-    def resume(self) -> None:
+    def resume(self) -> Awaitable[None] | None:
         self.stops.append("resumed")
+        return self.answer()
+
+    def answer(self) -> Awaitable[None] | None:
+        if not self.silent:
+            return None
+        self.answers.append(asyncio.get_running_loop().create_future())
+        return self.answers[-1]
 
 
 class Driver(VirtualRobot):

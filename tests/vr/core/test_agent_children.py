@@ -1,23 +1,30 @@
-"""Commands of virtual robots: waiting and one-way calls, futures, exposed commands, deadlines, cancels."""
+"""Commands of virtual robots: ways to call, exposed commands, deadlines, cancels, progress."""
 
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+import math
+from typing import Annotated, Any
 
+import msgspec
 import pytest
 
-from robotree.vr import CommandCancelled, DeadlineExceeded, SlotEmpty, VrError
+from robotree.vr import (
+    Child,
+    CommandCancelled,
+    DeadlineExceeded,
+    Range,
+    Robot,
+    SlotEmpty,
+    Unit,
+    VirtualRobot,
+    VrError,
+    command,
+)
 from robotree.vr.base.errors import BadArgument, CommandFailed, NoSuchCommand
-from robotree.vr.running.process import Process
 from tests.vr.core.crew import Driver, Rover, Top, crew
 
-
-@pytest.fixture(autouse=True, params=["a process each", "one process"])
-def processes(request: pytest.FixtureRequest, realm: Any) -> None:
-    """Have all robots of a test live in one process, so that calls are nested, or apart."""
-    if request.param == "one process":
-        realm.shared = Process(realm.runner)
+pytestmark = pytest.mark.usefixtures("homes")
 
 
 # -- three ways to call ----------------------------------------------------------------------------
@@ -173,3 +180,131 @@ async def test_what_a_grandchild_offers_is_seen_at_the_top_soon_after_it_came(re
     await realm.until(lambda: top.description().command("go").parameters == move.parameters, within=0.1)
     realm.kill(rover)
     await realm.until(lambda: not top.description().command("go").available, within=2.5)
+
+
+# -- exposed commands in other units ---------------------------------------------------------------
+
+
+class Place(msgspec.Struct):
+    x: Annotated[float, Unit("m")]
+    turns: int
+
+
+class Arm(Robot):
+    """In metres."""
+
+    x = 0.25
+
+    @command
+    def go_to(self, x: Annotated[float, Unit("m"), Range(-1, 1)], n: int = 1) -> Annotated[float, Unit("m")]:
+        self.x = x * n
+        return self.x
+
+    @command(effect="read")
+    def get_info(self) -> Place:
+        return Place(self.x, 3)
+
+    @command
+    def pick(self) -> None:
+        for step in range(1, 4):
+            self.progress(step / 3, f"{step} of 3")
+            self.sleep(1)
+
+
+class Workshop(VirtualRobot):
+    """In millimetres; says how far it is."""
+
+    arm = Child("Arm")
+    move = arm.exposed("go_to", x=Unit("mm"), result=Unit("cm"))
+    where = arm.exposed("get_info", x=Unit("mm"))
+    go_to = arm.exposed()
+    heavy = arm.exposed("go_to", x=Unit("kg"))
+    odd = arm.exposed("go_to", y=Unit("mm"))
+
+    @command
+    def silent(self) -> None:
+        self.arm.pick()
+
+    @command
+    def talks(self) -> None:
+        self.progress(0.5, "second box")
+        self.arm.pick()
+        self.progress(1.0, "done")
+
+    @command
+    def quick(self) -> None:
+        for step in range(1, 7):
+            self.progress(step / 6, f"{step} of 6")
+
+    @command
+    def floods(self) -> None:
+        for step in range(1, 1001):
+            self.progress(step / 1000, f"{step} of 1000")
+
+
+@pytest.fixture
+async def workshop(homes: Any) -> Any:
+    return await homes.team(Workshop("workshop"), arm=Arm("arm-1"))
+
+
+async def test_arguments_and_results_are_converted_on_the_way(realm: Any, workshop: Any) -> None:
+    client = realm.client(workshop)
+    assert await client.call("move", {"x": 300}) == pytest.approx(30)
+    assert workshop.arm.robot.x == pytest.approx(0.3)
+    assert await client.call("move", {"x": "10 cm", "n": 2}) == pytest.approx(20)
+    assert await client.call("where", {}) == {"x": pytest.approx(200), "turns": 3}
+    assert await client.call("go_to", {"x": 0.5}) == 0.5, "without units it is the child's own"
+
+
+async def test_callers_see_their_units_and_limits(realm: Any, workshop: Any) -> None:
+    spec = (await realm.client(workshop).describe()).command("move")
+    x = spec.parameters[0]
+    assert (x.unit, x.lower, x.upper, spec.result[0].unit) == ("mm", -1000, 1000, "cm")
+    with pytest.raises(BadArgument, match=r"2000 mm is out of range; give a number in mm from -1000 to 1000"):
+        await realm.client(workshop).call("move", {"x": 2000})
+
+
+async def test_units_that_do_not_fit_say_so(realm: Any, workshop: Any) -> None:
+    with pytest.raises(BadArgument, match="kg cannot be turned into m"):
+        await realm.client(workshop).call("heavy", {"x": 1})
+    with pytest.raises(BadArgument, match=r"arm.go_to has no 'y' with a unit"):
+        await realm.client(workshop).call("odd", {"x": 1})
+    assert not (await realm.client(workshop).describe()).command("odd").available
+
+
+# -- how far a command is, as its callers and everybody else see it --------------------------------
+
+
+async def heard(realm: Any, workshop: Any, command: str) -> list[tuple[float, str]]:
+    """Return what a caller hears of a command's progress."""
+    found: list[tuple[float, str]] = []
+    await realm.client(workshop).call(
+        command, {}, on_progress=lambda share, text: found.append((share, text))
+    )
+    return found
+
+
+async def test_what_a_child_says_is_shown_while_its_parent_waits(realm: Any, workshop: Any) -> None:
+    told = await heard(realm, workshop, "silent")
+    assert [text for _, text in told] == [f"arm-1: {step} of 3" for step in (1, 2, 3)]
+    assert all(math.isnan(share) for share, _ in told), "how far the child is, is not how far its parent is"
+
+
+async def test_it_stands_behind_what_the_parent_itself_says(realm: Any, workshop: Any) -> None:
+    assert await heard(realm, workshop, "talks") == [
+        (0.5, "second box"),
+        *((0.5, f"second box; arm-1: {step} of 3") for step in (1, 2, 3)),
+        (1.0, "done"),
+    ]
+    assert not workshop.runtime.runs
+    assert not workshop.runtime.frames
+
+
+async def test_each_of_six_quick_steps_is_told(realm: Any, workshop: Any) -> None:
+    assert [text for _, text in await heard(realm, workshop, "quick")] == [f"{n} of 6" for n in range(1, 7)]
+
+
+async def test_of_a_flood_of_progress_the_last_is_told(realm: Any, workshop: Any) -> None:
+    told = await heard(realm, workshop, "floods")
+    assert told[-1] == (1.0, "1000 of 1000")
+    assert len(told) < 100

@@ -1,19 +1,24 @@
+"""Pages of Python become robots: what is loaded, what is refused, and what is left behind."""
+
 from __future__ import annotations
 
+import ast
 import gc
 import linecache
 import os
 import sys
 import threading
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import pytest
 
 from robotree.vr.author.command import commands_of
 from robotree.vr.base.errors import BadName, BrokenSource, BundleError, VrError
 from robotree.vr.bundle import Bundle
+from robotree.vr.bundle.syntax import parse, parse_expression
 from robotree.vr.running.page_trace import authors_file
 
 SQUARE = '''
@@ -234,3 +239,43 @@ def test_a_file_that_cannot_be_read_says_why_at_once(tmp_path: Path) -> None:
 def test_a_bad_name_is_the_callers_fault_not_the_sources() -> None:
     with pytest.raises(BadName):
         bundle(SQUARE).create("no/slash")
+
+
+# -- a page is read into a tree whatever else its process does meanwhile ---------------------------
+
+
+PAGE = "".join(f"def f{n}(a, b=({n}, [1, {{2: 3}}])):\n    return a.b[{n}](*a, **b)\n" for n in range(50))
+
+
+@pytest.fixture
+def collected() -> Iterator[list[ast.Module]]:
+    """Collect garbage again and again, and make a tree each time, as a finalizer of another thread may do."""
+    made: list[ast.Module] = []
+
+    def meanwhile(phase: str, info: dict[str, Any]) -> None:
+        del phase, info
+        made.append(ast.parse("x = 1"))
+
+    usual = gc.get_threshold()
+    gc.callbacks.append(meanwhile)
+    gc.set_threshold(5)
+    yield made
+    gc.set_threshold(*usual)
+    gc.callbacks.remove(meanwhile)
+
+
+def test_garbage_that_is_collected_meanwhile_breaks_no_page(collected: list[ast.Module]) -> None:
+    """In CPython 3.11.7 `ast.parse` ends with a SystemError here."""
+    assert len(parse(PAGE).body) == 50
+    assert isinstance(parse_expression("a + 1"), ast.BinOp)
+    gc.collect()
+    assert collected, "garbage is collected again"
+
+
+def test_garbage_is_collected_again_after_a_mistake() -> None:
+    with pytest.raises(SyntaxError):
+        parse("def")
+    assert gc.isenabled()
+    with pytest.raises(SyntaxError):
+        parse_expression("1 +")
+    assert gc.isenabled()

@@ -3,47 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Awaitable
 from typing import Any
 
 import pytest
 
-from robotree.vr import Child, Robot, VirtualRobot, command
+from robotree.vr import Child, VirtualRobot, VrError
 from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.agents.stops import Stops
-from robotree.vr.base.errors import CommandCancelled, CommandFailed, NotConfirmed, NotInControl
-from robotree.vr.core.machine import decode_state, encode_state
+from robotree.vr.base.errors import CommandCancelled, CommandFailed, NotConfirmed, NotInControl, Stopped
+from robotree.vr.core.machine import LONGEST_QUEUE, decode_state, encode_state
+from robotree.vr.exchange.client import RobotClient
 from robotree.vr.supervision.realm_client import RealmClient
-from tests.vr.core.loading import held_back
-
-
-class Rover(Robot):
-    """A rover whose controller answers when the test lets it."""
-
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
-        self.heard: list[str] = []
-        self.moves = 0
-        self.silent = False
-        self.waits: list[asyncio.Future[None]] = []
-
-    @command
-    def move(self, x: float) -> None:
-        self.moves += x > 0
-
-    def safe_stop(self, reason: str) -> Awaitable[None] | None:
-        self.heard.append(reason)
-        return self.answer()
-
-    def resume(self) -> Awaitable[None] | None:
-        self.heard.append("resume")
-        return self.answer()
-
-    def answer(self) -> Awaitable[None] | None:
-        if not self.silent:
-            return None
-        self.waits.append(asyncio.get_running_loop().create_future())
-        return self.waits[-1]
+from tests.vr.core.crew import Driver, Rover, crew
+from tests.vr.core.gate import Gate, held_back
 
 
 class Carrier(VirtualRobot):
@@ -96,7 +70,7 @@ async def test_a_release_ends_no_stop_that_whoever_asked_for_it_had_not_seen(rea
         with pytest.raises(NotConfirmed, match=r"NOT by rover \(it was stopped again after that had been"):
             await client.resume(seen=older)
     assert stopped(rover) == [True]
-    assert rover.robot.heard == ["first", "second"]
+    assert rover.robot.stops == ["first", "second"]
     assert await client.resume(seen={rover.address.key: rover.description().stops}) == ("rover",)
     assert stopped(rover) == [False]
     assert await client.resume(seen=seen) == ("rover",), "there is nothing to end any more"
@@ -196,9 +170,9 @@ async def test_a_call_that_came_before_a_stop_does_not_begin_after_its_end(
     go_on.set()
     with pytest.raises(CommandCancelled, match="a hand"):
         await call
-    assert rover.robot.moves == 0
+    assert rover.robot.keys == []
     await client.call("move", {"x": "1"})
-    assert rover.robot.moves == 1
+    assert len(rover.robot.keys) == 1
 
 
 # -- told is what has happened ---------------------------------------------------------------------
@@ -225,11 +199,11 @@ async def test_a_stop_is_told_when_the_hardware_has_confirmed_it(
     rover = await realm.start(Rover("rover"))
     rover.robot.silent = True
     stopping = asyncio.create_task(realm_client.stop(None))
-    await realm.until(lambda: len(rover.robot.waits) == 1, within=0.1)
+    await realm.until(lambda: len(rover.robot.answers) == 1, within=0.1)
     await asyncio.sleep(1)
     assert not stopping.done()
     assert stopped(rover) == [True], "it is seen at once"
-    rover.robot.waits[0].set_result(None)
+    rover.robot.answers[0].set_result(None)
     assert await stopping == ["rover"]
 
 
@@ -241,7 +215,9 @@ async def test_a_stop_that_the_hardware_does_not_confirm_is_no_success(
     who = r"by carrier but NOT by rover \(its controller has not confirmed it\); press the emergency stop"
     with pytest.raises(NotConfirmed, match=who):
         await realm_client.stop(None)
-    assert [wait.cancelled() for wait in rover.robot.waits] == [True], "asked once, and nobody waits any more"
+    assert [wait.cancelled() for wait in rover.robot.answers] == [True], (
+        "asked once, and nobody waits any more"
+    )
     assert stopped(carrier, rover) == [True, True]
 
 
@@ -265,9 +241,9 @@ async def test_what_the_hardware_refuses_for_good_is_the_answer(realm: Any) -> N
     await client.safe_stop("so")
     rover.robot.silent = True
     resuming = asyncio.create_task(client.resume())
-    await realm.until(lambda: len(rover.robot.waits) == 1)
+    await realm.until(lambda: len(rover.robot.answers) == 1)
     refusal = CommandFailed(robot="rover", command="resume", detail="held by another")
-    rover.robot.waits[0].set_exception(refusal)
+    rover.robot.answers[0].set_exception(refusal)
     with pytest.raises(CommandFailed, match="held by another"):
         await resuming
     assert stopped(rover) == [True]
@@ -299,10 +275,10 @@ async def test_a_stop_that_comes_while_the_hardware_is_being_released_stays(real
     await client.safe_stop("first")
     rover.robot.silent = True
     resuming = asyncio.create_task(client.resume())
-    await realm.until(lambda: len(rover.robot.waits) == 1)
+    await realm.until(lambda: len(rover.robot.answers) == 1)
     rover.robot.silent = False
     await client.safe_stop("second")
-    rover.robot.waits[0].set_result(None)
+    rover.robot.answers[0].set_result(None)
     with pytest.raises(NotConfirmed, match="it was stopped again"):
         await resuming
     assert stopped(rover) == [True]
@@ -318,8 +294,208 @@ async def test_a_stop_goes_on_with_a_decoded_state_and_somebody_else_who_asks(re
     rover._stops = Stops(runtime, rover._hooks, None)
     copy = asyncio.create_task(realm.client(rover).safe_stop("a hand", order="one"))
     await asyncio.sleep(0.1)
-    assert rover.robot.heard == ["a hand", "a hand"], "what has not answered is asked again"
-    rover.robot.waits[-1].set_result(None)
+    assert rover.robot.stops == ["a hand", "a hand"], "what has not answered is asked again"
+    rover.robot.answers[-1].set_result(None)
     assert await copy == ("rover",)
     assert runtime.core.state.stop.generation == 1
     asking.cancel()
+
+
+# -- stops that a robot reports itself, since its controller was stopped directly, count as ordered
+
+
+HELD = "its controller is in safe stop"
+
+
+def tell(rover: RobotAgent, halted: str) -> None:
+    rover.robot.halted = halted
+    rover.notify()
+
+
+async def test_a_release_ends_no_stop_that_the_controller_told_of_after_it_was_asked_for(
+    realm: Any, realm_client: RealmClient
+) -> None:
+    rover = await realm.start(Rover("rover"))
+    rover.robot.silent = True
+    realm.network.delay = 0.3
+    resuming = asyncio.create_task(realm_client.resume("rover"))
+    await asyncio.sleep(0.7)
+    tell(rover, HELD)
+    with pytest.raises(NotConfirmed, match=r"NOT by rover \(it was stopped again after that had been asked"):
+        await resuming
+    assert rover.robot.stops == [], "the controller hears of none"
+    resuming = asyncio.create_task(realm_client.resume("rover"))
+    await realm.until(lambda: bool(rover.robot.answers))
+    tell(rover, "")
+    rover.robot.answers[0].set_result(None)
+    assert await resuming == ["rover"]
+
+
+async def test_a_stop_counts_once_however_often_it_is_told(realm: Any) -> None:
+    rover = await realm.start(Rover("rover"))
+    for halted in (HELD, f"{HELD}: somebody asked for it", HELD):
+        tell(rover, halted)
+        await asyncio.sleep(0)
+    assert rover.description().stops == 1
+    tell(rover, "")
+    tell(rover, HELD)
+    await asyncio.sleep(0)
+    assert rover.description().stops == 2, "it has ended and begun within one turn of the loop"
+
+
+async def test_a_resume_does_not_wait_for_who_is_offline_and_was_never_stopped(
+    realm: Any, realm_client: RealmClient
+) -> None:
+    near, far = await realm.start(Rover("near")), await realm.start(Rover("far"))
+    far.robot.online = False
+    await realm_client.stop("near")
+    near.robot.silent = True
+    resuming = asyncio.create_task(realm_client.resume(None))
+    await realm.until(lambda: bool(near.robot.answers))
+    near.robot.answers[0].set_result(None)
+    assert await resuming == ["near"]
+    assert far.robot.stops == []
+
+
+async def test_a_resume_names_who_is_offline_and_stays_stopped(realm: Any, realm_client: RealmClient) -> None:
+    rover = await realm.start(Rover("rover"))
+    await realm_client.stop(None)
+    rover.robot.online, rover.robot.silent = False, True
+    with pytest.raises(NotConfirmed, match=r"NOT by rover \(it is offline, and its controller has not"):
+        await realm_client.resume(None)
+
+
+async def test_a_resume_that_meets_another_one_under_way_waits_as_well(realm: Any) -> None:
+    """What is being released tells no stop any more, and is not confirmed yet."""
+    rover = await realm.start(Rover("rover"))
+    rover.robot.silent = True
+    tell(rover, HELD)
+    first = asyncio.create_task(realm.client(rover).resume())
+    await realm.until(lambda: len(rover.robot.answers) == 1)
+    tell(rover, "")
+    second = asyncio.create_task(realm.client(rover).resume())
+    await realm.until(lambda: len(rover.robot.answers) == 2)
+    for release in rover.robot.answers:
+        release.set_result(None)
+    assert await first == await second == ("rover",)
+
+
+# -- they go down the tree, ahead of everything; who did not answer is named at the top ------------
+
+
+async def test_a_stop_goes_ahead_of_everything_and_down_to_the_hardware(realm: Any) -> None:
+    driver, left, right = await crew(realm, "left", "right")
+    client = realm.client(driver)
+    calls = [asyncio.create_task(client.call("both", {"length": 5})) for _ in range(LONGEST_QUEUE + 1)]
+    await realm.until(lambda: left.description().busy == right.description().busy == "move")
+    await realm.until(lambda: driver.description().waiting == LONGEST_QUEUE)
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    await client.safe_stop("a hand in the cell")
+    assert loop.time() - began < 0.2
+    assert left.robot.stops == right.robot.stops == ["a hand in the cell"]
+    results = await asyncio.gather(*calls, return_exceptions=True)
+    assert {type(result) for result in results} == {CommandCancelled}
+    assert "a hand in the cell" in str(results[0])
+    assert left.robot.x < 0.5
+
+
+async def test_a_stopped_robot_refuses_commands_until_it_is_released(realm: Any) -> None:
+    driver, rover = await crew(realm)
+    client = realm.client(driver)
+    await client.safe_stop("a hand")
+    parent = RobotClient(driver.transport, rover.address, sender=driver.address.key)
+    for asker, name, epoch in ((client, "drive", None), (parent, "move", rover.description().epoch)):
+        with pytest.raises(Stopped, match=r"is stopped \(a hand\); .*`robotree resume driver`"):
+            await asker.call(name, {"x": 1}, epoch=epoch)
+    assert (await client.call("get_info", {}))["moves"] == 0  # what only reads is no danger
+    with pytest.raises(NotInControl):
+        await realm.client(rover).resume()
+    await client.resume()
+    assert rover.robot.stops == ["a hand", "resumed"]
+    await client.call("drive", {"x": 1})
+
+
+async def test_a_stop_that_does_not_reach_a_child_says_so_but_reaches_the_others(realm: Any) -> None:
+    driver, left, right = await crew(realm, "left", "right")
+    realm.network.lease = 1000.0
+    realm.network.freeze(left.transport)
+    with pytest.raises(VrError, match=r"by driver, rover-right but NOT by rover-left \(it did not"):
+        await realm.client(driver).safe_stop("look out")
+    assert right.robot.stops == ["look out"]
+    realm.network.thaw(left.transport)
+
+
+async def test_in_a_deep_tree_the_error_names_the_robot_that_did_not_answer(realm: Any) -> None:
+    realm.network.delay = 0.06
+    top, *_, rover = await tower(realm, 4)
+    realm.network.lease = 1000.0
+    realm.network.freeze(rover.transport)
+    loop = asyncio.get_running_loop()
+    for order, who in (
+        (realm.client(top).safe_stop, "level-0, level-1, level-2, level-3"),
+        (realm.client(top).resume, "nobody"),  # each waits for those below it
+    ):
+        began = loop.time()
+        with pytest.raises(NotConfirmed, match=rf"by {who} but NOT by rover \(it did not answer\)"):
+            await order(timeout=1.0)
+        assert loop.time() - began < 1.0
+    realm.network.thaw(rover.transport)
+
+
+async def tower(realm: Any, levels: int) -> list[Any]:
+    """Return a chain of robots, the topmost first; the rover at its foot moves."""
+    agents = [await realm.start(Above(f"level-{number}")) for number in range(levels)]
+    agents.append(await realm.start(Rover("rover")))
+    for parent, child in reversed(list(itertools.pairwise(agents))):
+        await realm.client(parent).enslave("below", child.address)
+    return agents
+
+
+async def test_of_thirty_levels_on_a_slow_way_each_one_that_has_stopped_is_said_to_have_stopped(
+    realm: Any,
+) -> None:
+    realm.network.delay = 0.03
+    agents = await tower(realm, 30)
+    realm_client = RealmClient(realm.network.join("supervisor"))
+    await realm_client.start()
+    names = sorted(agent.address.name for agent in agents)
+    assert sorted(await realm_client.stop("level-0")) == names
+    assert sorted(await realm_client.resume("level-0")) == names
+    before = [agent.description().stops for agent in agents]
+    assert sorted(await realm_client.stop(None)) == names
+    assert sorted(await realm_client.resume(None)) == names
+    assert [agent.description().stops for agent in agents] == [stops + 1 for stops in before], (
+        "one order is one stop, by however many ways it comes"
+    )
+    await realm_client.close()
+
+
+async def test_nothing_is_released_while_a_robot_still_stops_whatever_hook_its_author_blocks(
+    realm: Any,
+) -> None:
+    ended = Gate()
+
+    class Slow(Driver):
+        def safe_stop(self, reason: str) -> None:  # noqa: ARG002 # slow
+            ended.wait()
+
+        def readings(self) -> dict[str, float]:
+            ended.wait()
+            return {}
+
+    driver = await realm.start(Slow("slow"))
+    rover = await realm.start(Rover("rover"))
+    client = realm.client(driver)
+    await client.enslave("left", rover.address)
+    await asyncio.sleep(3.0)  # its readings are asked for meanwhile
+    with pytest.raises(NotConfirmed, match=r"by rover but NOT by slow \(its safe_stop has not ended\)"):
+        await client.safe_stop("a hand", timeout=0.5)
+    with pytest.raises(NotConfirmed, match=r"NOT by slow \(its safe_stop has not ended\)"):
+        await client.resume(timeout=0.5)
+    with pytest.raises(Stopped):
+        await client.call("drive", {"x": 1})
+    assert rover.robot.stops == ["a hand"], "nor those below it"
+    ended.set()
+    await client.resume()
+    await client.call("drive", {"x": 1})
