@@ -71,26 +71,27 @@ class Rover(Robot):
         return object()
 
 
-async def test_a_command_is_carried_out_and_its_result_returned(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+@pytest.fixture
+async def rover(realm: Any) -> Any:
+    return await realm.start(Rover("rover"))
+
+
+async def test_a_command_is_carried_out_and_its_result_returned(realm: Any, rover: Any) -> None:
     client = realm.client(rover)
     assert await client.call("move", {"x": 2}) is None
     assert await client.call("move", {"x": "-50 cm"}) is None
     assert await client.call("get_info", {}) == {"x": 1.5, "moves": 2}
 
 
-async def test_one_command_at_a_time_in_their_order(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    loop = asyncio.get_running_loop()
-    began = loop.time()
+async def test_one_command_at_a_time_in_their_order(realm: Any, rover: Any) -> None:
+    began = realm.runner.now()
     calls = [asyncio.create_task(realm.client(rover).call("move", {"x": x})) for x in (3, 1, 2)]
     await asyncio.gather(*calls)
     assert rover.robot.done == ["move 3", "move 1", "move 2"]
-    assert loop.time() - began >= 6.0
+    assert realm.runner.now() - began >= 6.0
 
 
-async def test_a_full_queue_refuses_and_loses_nothing(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_full_queue_refuses_and_loses_nothing(realm: Any, rover: Any) -> None:
     calls = [
         asyncio.create_task(realm.client(rover).call("move", {"x": 1})) for _ in range(LONGEST_QUEUE + 2)
     ]
@@ -121,9 +122,8 @@ async def test_a_full_queue_refuses_and_loses_nothing(realm: Any) -> None:
     ],
 )
 async def test_what_cannot_be_done_is_said_in_one_sentence(
-    realm: Any, name: str, arguments: dict[str, Any], error: type[VrError], sentence: str
+    realm: Any, name: str, arguments: dict[str, Any], error: type[VrError], sentence: str, rover: Any
 ) -> None:
-    rover = await realm.start(Rover("rover"))
     with pytest.raises(error) as refused:
         await realm.client(rover).call(name, arguments)
     assert str(refused.value).startswith(sentence)
@@ -131,8 +131,7 @@ async def test_what_cannot_be_done_is_said_in_one_sentence(
     await realm.client(rover).call("move", {"x": 1})  # nothing is lost
 
 
-async def test_what_waited_until_its_time_was_over_says_that_it_never_began(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_what_waited_until_its_time_was_over_says_that_it_never_began(realm: Any, rover: Any) -> None:
     ahead = asyncio.create_task(realm.client(rover).call("move", {"x": 10}, deadline=9.0))
     await realm.until(lambda: rover.description().busy == "move")
     with pytest.raises(NotBegun, match=r"rover\.move did not begin within 1 s: move was under way"):
@@ -142,15 +141,13 @@ async def test_what_waited_until_its_time_was_over_says_that_it_never_began(real
 
 
 @pytest.mark.parametrize("deadline", [0.0, -1.0, math.nan, math.inf])
-async def test_a_deadline_is_a_positive_time(realm: Any, deadline: float) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_deadline_is_a_positive_time(realm: Any, deadline: float, rover: Any) -> None:
     call = realm.client(rover).call("move", {"x": 1}, deadline=deadline)
     with pytest.raises(DeadlineExceeded):
         await call
 
 
-async def test_the_same_call_twice_is_carried_out_once_and_answered_twice(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_the_same_call_twice_is_carried_out_once_and_answered_twice(realm: Any, rover: Any) -> None:
     key = fresh_key()
     calls = [realm.client(rover).call("move", {"x": 1}, key=key) for _ in range(3)]
     assert await asyncio.gather(*calls) == [None, None, None]
@@ -160,8 +157,7 @@ async def test_the_same_call_twice_is_carried_out_once_and_answered_twice(realm:
         await realm.client(rover).call("move", {"x": 2}, key=key)
 
 
-async def test_a_caller_that_goes_away_ends_its_command(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_caller_that_goes_away_ends_its_command(realm: Any, rover: Any) -> None:
     call = asyncio.create_task(realm.client(rover).call("move", {"x": 10}))
     await realm.until(lambda: rover.description().busy == "move")
     call.cancel()
@@ -169,9 +165,8 @@ async def test_a_caller_that_goes_away_ends_its_command(realm: Any) -> None:
     assert rover.robot.done == []
 
 
-async def test_a_call_that_comes_after_its_caller_gave_up_is_not_carried_out(realm: Any) -> None:
+async def test_a_call_that_comes_after_its_caller_gave_up_is_not_carried_out(realm: Any, rover: Any) -> None:
     """The robot's process was stopped; when it goes on, it finds the call and the cancel."""
-    rover = await realm.start(Rover("rover"))
     realm.network.lease = 100.0
     realm.network.freeze(rover.transport)
     client = realm.client(rover, patience=1.0)
@@ -182,11 +177,10 @@ async def test_a_call_that_comes_after_its_caller_gave_up_is_not_carried_out(rea
     assert rover.robot.done == []
 
 
-async def test_a_command_knows_its_papers(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_command_knows_its_papers(realm: Any, rover: Any) -> None:
     papers = await realm.client(rover).call("papers", {}, deadline=30.0, caller="ahmad", key="k")
     assert (papers["key"], papers["caller"]) == ("k", "ahmad")
-    assert papers["deadline_at"] == pytest.approx(asyncio.get_running_loop().time() + 30.0, abs=0.5)
+    assert papers["deadline_at"] == pytest.approx(realm.runner.now() + 30.0, abs=0.5)
 
 
 async def test_a_robot_that_has_children_by_nature_alone_can_be_deleted_or_bound(realm: Any) -> None:
@@ -200,9 +194,8 @@ async def test_a_robot_that_has_children_by_nature_alone_can_be_deleted_or_bound
             await question
 
 
-async def test_garbage_and_questions_to_others_are_answered_with_an_error(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
-    of_a_host = seal(DescribeHost(), now=asyncio.get_running_loop().time(), within=5.0).body
+async def test_garbage_and_questions_to_others_are_answered_with_an_error(realm: Any, rover: Any) -> None:
+    of_a_host = seal(DescribeHost(), now=realm.runner.now(), within=5.0).body
     for body in (b"\xff\x00garbage", b"", of_a_host):
         replies = [reply async for reply in realm.operator.request(rover.address.key, body, timeout=5.0)]
         failed = decode_reply(replies[0], key="rover")
@@ -210,8 +203,7 @@ async def test_garbage_and_questions_to_others_are_answered_with_an_error(realm:
         assert isinstance(failed.revive(), Garbled)
 
 
-async def test_a_robot_that_ends_in_the_middle_says_so_to_its_caller(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_robot_that_ends_in_the_middle_says_so_to_its_caller(realm: Any, rover: Any) -> None:
     call = asyncio.create_task(realm.client(rover).call("move", {"x": 10}))
     await realm.until(lambda: rover.description().busy == "move")
     realm.kill(rover)
@@ -219,8 +211,7 @@ async def test_a_robot_that_ends_in_the_middle_says_so_to_its_caller(realm: Any)
         await call
 
 
-async def test_a_dead_robot_is_unreachable(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_dead_robot_is_unreachable(realm: Any, rover: Any) -> None:
     client: RobotClient = realm.client(rover)
     realm.kill(rover)
     for question in (client.call("move", {"x": 1}), client.describe(), client.safe_stop()):

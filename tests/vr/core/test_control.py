@@ -197,7 +197,7 @@ async def test_it_can_be_had_for_a_time_without_a_program_that_stays(
             await ben.control("get", within=wrong)
     await ben.control("get", within=10 * LONGEST)
     state: RobotState = rover.runtime.core.state
-    assert state.control.due < asyncio.get_running_loop().time() + LONGEST + 1
+    assert state.control.due < realm.runner.now() + LONGEST + 1
 
 
 async def test_a_robot_under_a_parent_and_one_that_is_held_do_not_mix(

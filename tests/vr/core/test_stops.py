@@ -32,10 +32,14 @@ class Above(VirtualRobot):
     below = Child("Robot")
 
 
+@pytest.fixture
+async def rover(realm: Any) -> Any:
+    return await realm.start(Rover("rover"))
+
+
 async def pair(realm: Any) -> tuple[RobotAgent, RobotAgent]:
-    carrier, rover = await realm.start(Carrier("carrier")), await realm.start(Rover("rover"))
-    await realm.client(carrier).enslave("rover", rover.address)
-    return carrier, rover
+    carrier = await realm.team(Carrier("carrier"), rover=Rover("rover"))
+    return carrier, carrier.rover
 
 
 def stopped(*agents: RobotAgent) -> list[bool]:
@@ -60,8 +64,7 @@ async def test_a_stop_that_comes_while_a_release_waits_for_the_children_stays(re
     assert stopped(carrier, rover) == [False, False]
 
 
-async def test_a_release_ends_no_stop_that_whoever_asked_for_it_had_not_seen(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_release_ends_no_stop_that_whoever_asked_for_it_had_not_seen(realm: Any, rover: Any) -> None:
     client = realm.client(rover)
     await client.safe_stop("first")
     seen = {rover.address.key: rover.description().stops}
@@ -126,10 +129,9 @@ async def test_who_wakes_up_is_not_released_after_a_stop_by_an_older_release(
 
 
 async def test_who_wakes_up_while_it_is_being_looked_for_is_not_released(
-    realm: Any, realm_client: RealmClient
+    realm: Any, realm_client: RealmClient, rover: Any
 ) -> None:
     """What it has been told of meanwhile nobody has seen."""
-    rover = await realm.start(Rover("rover"))
     await realm_client.stop("rover")
     realm.network.freeze(rover.transport)
     await asyncio.sleep(5)
@@ -159,9 +161,8 @@ async def test_who_lost_the_right_while_it_waited_for_the_children_releases_noth
 
 
 async def test_a_call_that_came_before_a_stop_does_not_begin_after_its_end(
-    realm: Any, monkeypatch: pytest.MonkeyPatch
+    realm: Any, monkeypatch: pytest.MonkeyPatch, rover: Any
 ) -> None:
-    rover = await realm.start(Rover("rover"))
     client, go_on = realm.client(rover), held_back(monkeypatch)
     call = asyncio.create_task(client.call("move", {"x": "1"}))
     await asyncio.sleep(0.1)
@@ -194,9 +195,8 @@ async def test_a_release_names_nobody_whom_no_one_has_released(realm: Any, realm
 
 
 async def test_a_stop_is_told_when_the_hardware_has_confirmed_it(
-    realm: Any, realm_client: RealmClient
+    realm: Any, realm_client: RealmClient, rover: Any
 ) -> None:
-    rover = await realm.start(Rover("rover"))
     rover.robot.silent = True
     stopping = asyncio.create_task(realm_client.stop(None))
     await realm.until(lambda: len(rover.robot.answers) == 1, within=0.1)
@@ -222,9 +222,8 @@ async def test_a_stop_that_the_hardware_does_not_confirm_is_no_success(
 
 
 async def test_a_release_that_the_hardware_does_not_confirm_leaves_the_robot_stopped(
-    realm: Any, realm_client: RealmClient
+    realm_client: RealmClient, rover: Any
 ) -> None:
-    rover = await realm.start(Rover("rover"))
     await realm_client.stop(None)
     rover.robot.silent = True
     with pytest.raises(NotConfirmed, match=r"NOT by rover \(its controller has not confirmed it\); look at"):
@@ -235,8 +234,7 @@ async def test_a_release_that_the_hardware_does_not_confirm_leaves_the_robot_sto
     assert stopped(rover) == [False]
 
 
-async def test_what_the_hardware_refuses_for_good_is_the_answer(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_what_the_hardware_refuses_for_good_is_the_answer(realm: Any, rover: Any) -> None:
     client = realm.client(rover)
     await client.safe_stop("so")
     rover.robot.silent = True
@@ -269,8 +267,7 @@ async def test_a_hook_that_fails_has_confirmed_nothing(
     assert "rover.safe_stop failed" in caplog.text
 
 
-async def test_a_stop_that_comes_while_the_hardware_is_being_released_stays(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_stop_that_comes_while_the_hardware_is_being_released_stays(realm: Any, rover: Any) -> None:
     client = realm.client(rover)
     await client.safe_stop("first")
     rover.robot.silent = True
@@ -284,8 +281,7 @@ async def test_a_stop_that_comes_while_the_hardware_is_being_released_stays(real
     assert stopped(rover) == [True]
 
 
-async def test_a_stop_goes_on_with_a_decoded_state_and_somebody_else_who_asks(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_stop_goes_on_with_a_decoded_state_and_somebody_else_who_asks(realm: Any, rover: Any) -> None:
     rover.robot.silent = True
     asking = asyncio.create_task(realm.client(rover).safe_stop("a hand", order="one"))
     await asyncio.sleep(0.1)
@@ -313,9 +309,8 @@ def tell(rover: RobotAgent, halted: str) -> None:
 
 
 async def test_a_release_ends_no_stop_that_the_controller_told_of_after_it_was_asked_for(
-    realm: Any, realm_client: RealmClient
+    realm: Any, realm_client: RealmClient, rover: Any
 ) -> None:
-    rover = await realm.start(Rover("rover"))
     rover.robot.silent = True
     realm.network.delay = 0.3
     resuming = asyncio.create_task(realm_client.resume("rover"))
@@ -331,8 +326,7 @@ async def test_a_release_ends_no_stop_that_the_controller_told_of_after_it_was_a
     assert await resuming == ["rover"]
 
 
-async def test_a_stop_counts_once_however_often_it_is_told(realm: Any) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_stop_counts_once_however_often_it_is_told(rover: Any) -> None:
     for halted in (HELD, f"{HELD}: somebody asked for it", HELD):
         tell(rover, halted)
         await asyncio.sleep(0)
@@ -357,17 +351,15 @@ async def test_a_resume_does_not_wait_for_who_is_offline_and_was_never_stopped(
     assert far.robot.stops == []
 
 
-async def test_a_resume_names_who_is_offline_and_stays_stopped(realm: Any, realm_client: RealmClient) -> None:
-    rover = await realm.start(Rover("rover"))
+async def test_a_resume_names_who_is_offline_and_stays_stopped(realm_client: RealmClient, rover: Any) -> None:
     await realm_client.stop(None)
     rover.robot.online, rover.robot.silent = False, True
     with pytest.raises(NotConfirmed, match=r"NOT by rover \(it is offline, and its controller has not"):
         await realm_client.resume(None)
 
 
-async def test_a_resume_that_meets_another_one_under_way_waits_as_well(realm: Any) -> None:
+async def test_a_resume_that_meets_another_one_under_way_waits_as_well(realm: Any, rover: Any) -> None:
     """What is being released tells no stop any more, and is not confirmed yet."""
-    rover = await realm.start(Rover("rover"))
     rover.robot.silent = True
     tell(rover, HELD)
     first = asyncio.create_task(realm.client(rover).resume())
@@ -389,10 +381,9 @@ async def test_a_stop_goes_ahead_of_everything_and_down_to_the_hardware(realm: A
     calls = [asyncio.create_task(client.call("both", {"length": 5})) for _ in range(LONGEST_QUEUE + 1)]
     await realm.until(lambda: left.description().busy == right.description().busy == "move")
     await realm.until(lambda: driver.description().waiting == LONGEST_QUEUE)
-    loop = asyncio.get_running_loop()
-    began = loop.time()
+    began = realm.runner.now()
     await client.safe_stop("a hand in the cell")
-    assert loop.time() - began < 0.2
+    assert realm.runner.now() - began < 0.2
     assert left.robot.stops == right.robot.stops == ["a hand in the cell"]
     results = await asyncio.gather(*calls, return_exceptions=True)
     assert {type(result) for result in results} == {CommandCancelled}
@@ -431,15 +422,14 @@ async def test_in_a_deep_tree_the_error_names_the_robot_that_did_not_answer(real
     top, *_, rover = await tower(realm, 4)
     realm.network.lease = 1000.0
     realm.network.freeze(rover.transport)
-    loop = asyncio.get_running_loop()
     for order, who in (
         (realm.client(top).safe_stop, "level-0, level-1, level-2, level-3"),
         (realm.client(top).resume, "nobody"),  # each waits for those below it
     ):
-        began = loop.time()
+        began = realm.runner.now()
         with pytest.raises(NotConfirmed, match=rf"by {who} but NOT by rover \(it did not answer\)"):
             await order(timeout=1.0)
-        assert loop.time() - began < 1.0
+        assert realm.runner.now() - began < 1.0
     realm.network.thaw(rover.transport)
 
 
