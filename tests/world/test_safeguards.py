@@ -97,13 +97,13 @@ CAUGHT = {
 ELSEWHERE = {
     "a site that is silent begins nothing new": "vr/sites/test_gateway.py",
     "a host that has not taken a robot never does": "machines/test_transfer_machine.py",
-    "what is not written does not leave a host": "vr/journal/test_outlet.py",
+    "what is not written does not leave a host": "vr/journal/test_host_journal.py",
     "a log that takes nothing more is removed": "vr/journal/test_host_journal.py",
     "a host whose log can neither be written nor removed ends": "vr/journal/test_host_journal.py",
     "moments that were kept are moved to the present clock": "vr/journal/test_host_journal.py",
     "each life of a host counts its calls anew": "vr/core/test_effects_after_the_journal.py",
     "one host writes a log": "vr/journal/test_segments.py",
-    "a call's number is given back when its result is kept": "vr/journal/test_outlet.py",
+    "a call's number is given back when its result is kept": "vr/journal/test_host_journal.py",
     "a page that takes another step than before is ended": "vr/journal/test_steps_taken_again.py",
     "a child that was begun once is not begun by another life of it": "vr/journal/test_steps_taken_again.py",
     "a restored robot begins again what its process left, and nothing else": (

@@ -10,7 +10,7 @@ that an owner before it writes: it may only have been paused, and hold every loc
 Of what an owner has let leave, nothing is therefore missing in what the next one reads. What it sends in the
 moment after its look the robots refuse: their next owner holds them under higher epochs.
 
-`tests/vr/journal/examination.py` examines any implementation.
+`tests/vr/journal/test_log_places.py` examines any implementation.
 """
 
 from __future__ import annotations

@@ -44,14 +44,13 @@ from robotree.vr.base.requests import (
     SafeStop,
 )
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import Bond, GrantedLease, HeldLease, Slots
+from robotree.vr.core.bonds import Bond, GrantedLease, HeldLease
 from robotree.vr.core.events import CoreEvent
-from robotree.vr.core.machine import Calls, RobotCore, RobotState
-from robotree.vr.core.stop import Stop
 from robotree.vr.exchange.asking import ask
 from robotree.vr.exchange.authority import authorise
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.network.on_loop import handled
+from tests.vr.cores import new_core
 from tests.vr.recorder import Recorder
 
 
@@ -128,16 +127,8 @@ async def test_a_robot_ends_its_own_calls_alone_where_nobody_commands(realm: Any
         await own
 
 
-def core_of(name: str, *slots: SlotSpec) -> RobotCore:
-    lease, empty = GrantedLease.free(name, unix=1.0), Slots.empty(name, slots)
-    address = Address("robot", name, "1")
-    return RobotCore(
-        RobotState(address=address, home="h", lease=lease, slots=empty, calls=Calls(), stop=Stop())
-    )
-
-
 def test_who_enslaves_a_robot_ends_what_moves_it_and_not_who_reads() -> None:
-    core = core_of("rover")
+    core = new_core("rover")
     for name, reads in (("move", False), ("look", True)):
         call = Call(key=name, command=name, deadline=9.0)
         core.handle(on.Invoke(call=call, arguments={}, deadline_at=9.0, reads=reads), 1.0)
@@ -148,7 +139,7 @@ def test_who_enslaves_a_robot_ends_what_moves_it_and_not_who_reads() -> None:
 
 
 def test_a_key_that_comes_too_late_brings_nothing_back() -> None:
-    core = core_of("saw")
+    core = new_core("saw")
     call = Call(key="k", command="turn", deadline=60.0)
     core.handle(on.Invoke(call=call, arguments={}, deadline_at=60.0, attended=True, attended_until=2.0), 1.0)
     core.handle(on.Attended(key="k", at=2.5), 2.5)
@@ -156,7 +147,7 @@ def test_a_key_that_comes_too_late_brings_nothing_back() -> None:
 
 
 def test_a_stop_of_a_child_whose_parent_is_away_ends_what_the_parent_was_about() -> None:
-    child, parent = core_of("rover"), core_of("pair", SlotSpec(name="left", kind="Rover"))
+    child, parent = new_core("rover"), new_core("pair", SlotSpec(name="left", kind="Rover"))
     rover, pair = child.state.address, parent.state.address
     asked = on.ParentAsked(
         parent=pair, slot="left", lineage=("pair",), term=5.0, unix=1.0, key="k", waits=9.0
@@ -177,7 +168,7 @@ def test_a_stop_of_a_child_whose_parent_is_away_ends_what_the_parent_was_about()
 
 
 def test_a_robot_refuses_no_call_of_others_before_it_has_come() -> None:
-    guest, core = Principal("user", 2, "robot/guest/1"), core_of("rover")
+    guest, core = Principal("user", 2, "robot/guest/1"), new_core("rover")
     core.handle(on.CancelAsked(key="ben/1", reason="guest wants it", principal=guest), 1.0)
     for asker, begins in ((guest, False), (Principal("user", 3, "robot/ben/1"), True)):
         call = Call(key="ben/1", command="move", deadline=9.0)

@@ -8,24 +8,28 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import CopiedJournal, DamagedJournal, JournalUnusable, OtherJournal
+from robotree.vr.base.principal import Credentials
 from robotree.vr.base.requests import Call, Returned
+from robotree.vr.base.transport import Incoming
 from robotree.vr.core import events as on
-from robotree.vr.core.bonds import GrantedLease, Slots
-from robotree.vr.core.machine import Calls, RobotCore, RobotState, encode_state
-from robotree.vr.core.stop import Stop
+from robotree.vr.core.machine import encode_state
 from robotree.vr.journal import journal as journals
 from robotree.vr.journal import records
 from robotree.vr.journal.files import FilePlace
 from robotree.vr.journal.journal import HostJournal
+from robotree.vr.journal.outlet import Outlet
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.segments import OSDisk
+from robotree.vr.running.child_call import ChildCall
 from robotree.vr.world.disk import Medium, MemoryDisk
+from tests.vr.cores import new_core
 
 PAGE = KeptPage("class It(VirtualRobot): ...", "/it.py")
 
@@ -59,19 +63,11 @@ class FullDisk(OSDisk):
         return super().create(path)
 
 
-def core(name: str = "it") -> RobotCore:
-    lease = GrantedLease.free(name, unix=0.0)
-    address = Address("robot", name, "1")
-    return RobotCore(
-        RobotState(address=address, home="h", lease=lease, slots=Slots(name), calls=Calls(), stop=Stop())
-    )
-
-
 class Kept:
     """A robot whose events go to a journal."""
 
     def __init__(self, journal: HostJournal, name: str = "it") -> None:
-        self.core, self.journal = core(name), journal
+        self.core, self.journal = new_core(name), journal
         self.key = self.core.state.address.key
         journal.made(self.key, name, PAGE, lambda query: query(self.core.state))
 
@@ -88,6 +84,13 @@ def opened(folder: Path, boot: str = "this", **options: Any) -> HostJournal:
     return HostJournal(folder, Clock(), boot=boot, **options)
 
 
+@pytest.fixture
+def journal(tmp_path: Path) -> HostJournal:
+    journal = opened(tmp_path / "h")
+    journal.begin()
+    return journal
+
+
 def reopened(journal: HostJournal) -> dict[str, bytes]:
     """Close a journal; return the states that the next host finds, by name."""
     journal.close()
@@ -98,9 +101,7 @@ def reopened(journal: HostJournal) -> dict[str, bytes]:
         following.close()
 
 
-def test_the_next_host_finds_the_state_after_all_that_has_happened(tmp_path: Path) -> None:
-    journal = opened(tmp_path / "h")
-    journal.begin()
+def test_the_next_host_finds_the_state_after_all_that_has_happened(journal: HostJournal) -> None:
     robot = Kept(journal)
     robot.call("k")
     look = on.StepResult("look", None, 3.5)
@@ -126,9 +127,7 @@ def test_a_host_that_ended_before_anything_happened_was_away_since_it_began(tmp_
     following.close()
 
 
-def test_a_robot_that_was_deleted_is_not_found(tmp_path: Path) -> None:
-    journal = opened(tmp_path / "h")
-    journal.begin()
+def test_a_robot_that_was_deleted_is_not_found(journal: HostJournal) -> None:
     one, other = Kept(journal, "one"), Kept(journal, "other")
     journal.gone(one.key)
     assert list(reopened(journal)) == [other.core.name]
@@ -162,9 +161,7 @@ def test_what_nobody_waited_for_may_be_lost_and_what_somebody_waited_for_is_ther
     following.close()
 
 
-def test_a_page_counts_when_the_robot_has_turned_to_it(tmp_path: Path) -> None:
-    journal = opened(tmp_path / "h")
-    journal.begin()
+def test_a_page_counts_when_the_robot_has_turned_to_it(journal: HostJournal) -> None:
     robot, other = Kept(journal), Kept(journal, "other")
     news = KeptPage("class It(VirtualRobot): 'news'", "/it.py")
     for each in (robot, other):
@@ -176,9 +173,7 @@ def test_a_page_counts_when_the_robot_has_turned_to_it(tmp_path: Path) -> None:
     following.close()
 
 
-def test_a_robot_that_was_on_its_way_and_has_not_moved_is_here(tmp_path: Path) -> None:
-    journal = opened(tmp_path / "h")
-    journal.begin()
+def test_a_robot_that_was_on_its_way_and_has_not_moved_is_here(journal: HostJournal) -> None:
     robots = [Kept(journal, name) for name in ("back", "away")]
     for each in robots:
         journal.out(each.key, "t", "h2", "log", "secret")
@@ -189,9 +184,7 @@ def test_a_robot_that_was_on_its_way_and_has_not_moved_is_here(tmp_path: Path) -
     following.close()
 
 
-def test_an_event_that_its_robot_refuses_now_is_damage(tmp_path: Path) -> None:
-    journal = opened(tmp_path / "h")
-    journal.begin()
+def test_an_event_that_its_robot_refuses_now_is_damage(journal: HostJournal) -> None:
     robot = Kept(journal)
     robot.call("k")
     other = on.Invoke(call=Call(key="k", command="melt", deadline=9.0), arguments={}, deadline_at=9.0)
@@ -294,9 +287,7 @@ def test_another_version_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         opened(Path(journal.where))
 
 
-def test_after_a_restart_of_the_machine_moments_are_as_far_away_as_before(tmp_path: Path) -> None:
-    journal = opened(tmp_path / "h")
-    journal.begin()
+def test_after_a_restart_of_the_machine_moments_are_as_far_away_as_before(journal: HostJournal) -> None:
     journal.close()
     clock = Clock()
     clock.unix_now, clock.now_now = 1060.0, 5.0  # a minute later, on a clock that began anew
@@ -308,10 +299,8 @@ def test_after_a_restart_of_the_machine_moments_are_as_far_away_as_before(tmp_pa
 
 @pytest.mark.parametrize(("boot", "jump"), [("this", -3600.0), ("this", 3600.0), ("another", -3600.0)])
 def test_a_clock_that_jumped_makes_nothing_happen_in_the_future(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, boot: str, jump: float
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, boot: str, jump: float, journal: HostJournal
 ) -> None:
-    journal = opened(tmp_path / "h")
-    journal.begin()
     robot = Kept(journal)
     robot.call("k")
     began = Clock.now_now
@@ -373,9 +362,7 @@ def test_a_second_end_within_the_first_write_of_the_next_life_loses_nothing() ->
     assert [encode_state(kept.state) for kept in life(9).found.robots] == [waited]
 
 
-def test_several_threads_write_and_nothing_is_lost(tmp_path: Path) -> None:
-    journal = opened(tmp_path / "h")
-    journal.begin()
+def test_several_threads_write_and_nothing_is_lost(journal: HostJournal) -> None:
     robots = [Kept(journal, f"r{number}") for number in range(4)]
 
     def work(robot: Kept) -> None:
@@ -417,3 +404,65 @@ def test_a_log_that_can_neither_be_written_nor_removed_ends_its_host() -> None:
     robot.call("k")
     journal.barrier()
     assert ends == [True]
+
+
+# -- nothing leaves before its cause is written ----------------------------------------------------
+
+
+class Wire:
+    """A transport that notes what leaves by it."""
+
+    presence: Any = None
+    identity: Any = None
+
+    def __init__(self, order: list[str]) -> None:
+        self.order = order
+        self.take: Any = None
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_values, **_options: self.order.append(name)
+
+    async def serve(self, _key: str, take: Any, **_: Any) -> Any:
+        self.take = take
+
+    async def announce(self, _key: str, **_: Any) -> Any:
+        self.order.append("announce")
+
+    async def close(self) -> None:
+        self.order.append("close")
+
+
+async def test_whatever_leaves_is_written_before() -> None:
+    order: list[str] = []
+    wire = Wire(order)
+    outlet = Outlet(wire, lambda: order.append("written"))  # type: ignore[arg-type] # as far as it is used here
+    outlet.ask("k", b"", on_reply=lambda _: None)
+    outlet.request("k", b"", timeout=1.0)
+    outlet.publish("k", b"")
+    await outlet.announce("k")
+    await outlet.serve("k", lambda incoming: (incoming.reply(b""), incoming.end(b""))[0])
+    wire.take(
+        Incoming(
+            b"",
+            Credentials(1, 1),
+            lambda _: order.append("reply"),
+            lambda _: order.append("end"),
+            lambda _: None,
+        )
+    )
+    await outlet.close()
+    left = ("ask", "request", "publish", "announce", "reply", "end", "close")
+    assert order == [word for each in left for word in ("written", each)]
+
+
+def test_a_number_is_given_back_when_the_result_of_its_call_is_kept() -> None:
+    order: list[str] = []
+    frame: Any = SimpleNamespace(
+        keeps=True,
+        keep_step=lambda _path, _step: order.append("kept"),
+        worker=SimpleNamespace(wake=lambda: None),
+    )
+    call = ChildCall(frame, "arm", "k/1", Address("robot", "arm", "1"), "go", None, passes_on=False)
+    call._leave = (lambda: order.append("given back"),)
+    call.settle(Returned(key="k/1"))
+    assert order == ["kept", "given back"]

@@ -1,6 +1,8 @@
-"""What a frame of an interrupted command takes again: the same steps in their order, and nothing twice."""
+"""Steps of a command: what an interrupted one takes again, and what is no step of it."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +10,10 @@ from robotree.vr.base.errors import Diverged
 from robotree.vr.base.requests import Returned
 from robotree.vr.core import events as on
 from robotree.vr.running.replay import Intent, Replay
+from tests.vr.scripts.test_scripts_after_a_crash import Bundle, HostClient, Life
+
+# -- the same steps in their order, and nothing twice ----------------------------------------------
+
 
 GO = ["arm", "go_to", {"x": 0.3}]
 DONE = on.StepResult("call", GO, None, Returned(key="k/1", value=7))
@@ -85,3 +91,62 @@ def test_a_field_is_a_step_only_where_it_was_one() -> None:
     assert taken.has("2", "field", ["speed", 1])
     assert not taken.has("2", "field", ["speed", 2])
     assert not taken.has("1", "field", ["speed", 1])
+
+
+# -- what the host reads of a robot while its command runs -----------------------------------------
+
+
+MOODY = '''
+import threading
+
+from robotree.vr import Child, VirtualRobot, command, state
+
+class Moody(VirtualRobot):
+    """Publishes its mood among its attributes."""
+
+    mood: str = state("calm")
+    read = threading.Event()
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Free pairs, and its mood."""
+        mood = self.mood
+        if mood == "bright":
+            self.read.set()
+        return {"mood": mood}
+
+    @attributes.setter
+    def attributes(self, given: dict[str, str]) -> None:
+        pass
+
+    @command
+    def cheer(self) -> None:
+        """Be bright, until the host has read that."""
+        self.mood = "bright"
+        print("it is said, too")
+        while not self.read.is_set():
+            self.sleep(0.005)
+
+class Friend(VirtualRobot):
+    """Has one that is moody."""
+
+    other = Child("Moody")
+
+    @command
+    def visit(self) -> None:
+        """Cheer the other one."""
+        self.other.cheer()
+'''
+
+
+async def test_a_host_that_reads_attributes_during_a_command_is_no_thread_of_it(tmp_path: Path) -> None:
+    async with Life(tmp_path) as life:
+        hosts = HostClient(life.operator, life.host.address)
+        await hosts.create(Bundle(MOODY, "moody.py", "Moody"), "moody")
+        await hosts.create(Bundle(MOODY, "moody.py", "Friend"), "friend")
+        await life.client("friend").enslave("other", life.host.agents["moody"].address)
+        begins = life.journal.size
+        await life.call("friend", "visit")
+        records = life.journal.file.read_bytes()[begins:]
+    assert b"bright" in records, "the log holds what it keeps"
+    assert b"thread" not in records, "a command with steps of other threads is in doubt after a crash"
