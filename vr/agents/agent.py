@@ -17,13 +17,10 @@ from typing import Any
 
 import msgspec
 
-from robotree.vr.agents import pauses
-from robotree.vr.agents.callers import ARRIVAL, GONE, Callers
+from robotree.vr.agents.callers import ARRIVAL, GONE, Callers, Drills
 from robotree.vr.agents.children import ChildKeeper
-from robotree.vr.agents.choosing import Choosing
-from robotree.vr.agents.drills import Drills
 from robotree.vr.agents.hooks import Hooks
-from robotree.vr.agents.lent_roles import LentRoles
+from robotree.vr.agents.looking_around import Choosing, LentRoles
 from robotree.vr.agents.outside import OutsideCalls
 from robotree.vr.agents.publisher import Publisher
 from robotree.vr.agents.shared import Beside, Shared
@@ -708,7 +705,7 @@ class RobotAgent:
                 self._note_order(f"{request.slot}: released", asker)
                 return Described(robot=self.description())
             case TakeStep():
-                return await pauses.step(self.runtime, self._with_steps(), request, asker)
+                return await self._stops.step(self._with_steps(), request, asker)
             case Delete():
                 await self._delete(asker, lambda left: send(Done(note=left)))
                 return None
@@ -759,10 +756,10 @@ class RobotAgent:
                 return Done()
             case Pause():
                 self._with_steps()
-                return pauses.pause(self.runtime, asker)
+                return self._stops.pause(asker)
             case Continue():
                 self._with_steps()
-                return pauses.go_on(self.runtime, asker)
+                return self._stops.go_on(asker)
             case SetPlacement():
                 return self._place(request, asker)
             case Disturb():

@@ -1,11 +1,15 @@
-"""Stops and resumes as one robot carries them out; what is stopped, the core knows.
+"""Stops and pauses as one robot carries them out; what is stopped and paused, the core knows.
 
-What stands behind the robot is asked beside its children, as one more of those that must confirm.
+What stands behind the robot is asked for a stop beside its children, as one more of those that must
+confirm. Of a pause the renewals tell those below; where a command waits, its frame knows (`Frame.hold`). A
+robot without a page has no steps: its present command ends by itself, and its parent does not begin the
+next one.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Sequence
 from typing import TypeVar
 
@@ -15,11 +19,12 @@ from robotree.vr.agents.children import ChildKeeper
 from robotree.vr.agents.hooks import STILL_STOPPING, Confirming, Hooks
 from robotree.vr.agents.shared import loop_now
 from robotree.vr.base.envelope import same_clock
-from robotree.vr.base.errors import NoAnswer, VrError
+from robotree.vr.base.errors import NoAnswer, NothingHeld, VrError
 from robotree.vr.base.principal import Principal
-from robotree.vr.base.requests import STOPPED, Done, Raised, Reply, Resume, SafeStop
+from robotree.vr.base.requests import STOPPED, Done, Raised, Reply, Resume, SafeStop, TakeStep
 from robotree.vr.core import events as on
 from robotree.vr.core.confirmation import Budget, Confirmations
+from robotree.vr.core.machine import RobotState
 from robotree.vr.core.stop import HARDWARE, Stop
 from robotree.vr.running.robot_runtime import RobotRuntime
 
@@ -27,7 +32,7 @@ T = TypeVar("T")
 
 
 class Stops:
-    """Stops one robot and releases it. Lives on the event loop."""
+    """Stops one robot and releases it, pauses it and lets it go on. Lives on the event loop."""
 
     def __init__(self, runtime: RobotRuntime, hooks: Hooks, children: ChildKeeper | None) -> None:
         """Begin.
@@ -181,3 +186,59 @@ class Stops:
             confirmations.deny(self._runtime.robot.name, f"{offline}{doubt}")
         else:
             confirmations.take(self._runtime.robot.name, ())
+
+    # -- pauses -----------------------------------------------------------------------------------
+
+    def pause(self, asker: Principal) -> Reply:
+        """Have each command wait before its next step.
+
+        Raises:
+            LeaseError: its parent commands it.
+        """
+        by = asker.person or asker.user
+        self._runtime.post(on.PauseAsked(by=by, principal=asker))
+        self._runtime.log.say("info", f"paused by {by}")
+        now = self._runtime.process.runner.now()
+        return Done(note=self._runtime.look(lambda state: _deadline(state, now)))
+
+    async def step(self, children: ChildKeeper, order: TakeStep, asker: Principal) -> Reply:
+        """Let the step pass that waits for the longest time, of this robot, else of one below it.
+
+        Raises:
+            NothingHeld: nothing waits before a step.
+            NotPaused: the robot is not paused.
+            LeaseError: its parent commands it, and somebody else asks.
+        """
+        name = self._runtime.name
+        if taken := self._runtime.let_step(order.epoch, asker):
+            self._note(f"takes {taken}", asker)
+            return Done(note=f"{name} takes {taken}")
+        if taken := await children.step(order.within):
+            return Done(note=taken)
+        command = self._runtime.look(lambda state: state.calls.command_of(state.calls.running))
+        reason = f"the present step of {command} goes on" if command else "it carries nothing out"
+        raise NothingHeld(robot=name, reason=reason)
+
+    def go_on(self, asker: Principal) -> Reply:
+        """End the pause.
+
+        Raises:
+            LeaseError: its parent commands it.
+        """
+        paused = self._runtime.look(lambda state: state.pause.in_force)
+        self._runtime.post(on.ContinueAsked(principal=asker))
+        if paused:
+            self._note("goes on", asker)
+        return Done(note="" if paused else f"{self._runtime.name} was not paused")
+
+    def _note(self, order: str, asker: Principal) -> None:
+        by = asker.person or ("its parent" if asker.agent.startswith("robot/") else asker.user)
+        self._runtime.log.say("info", f"{order}, ordered by {by}")
+
+
+def _deadline(state: RobotState, now: float) -> str:
+    """Say that the time of what runs goes on, with what is left of it."""
+    running = state.calls.live.get(state.calls.running)
+    if running is None or not math.isfinite(running.deadline_at):
+        return ""
+    return f"the deadline of {running.command} goes on: {max(running.deadline_at - now, 0.0):.0f} s left"

@@ -43,9 +43,8 @@ from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import Bond, GrantedLease, Lease, Slots
 from robotree.vr.core.control import RobotControl, operator_of
-from robotree.vr.core.pause import PauseState
 from robotree.vr.core.placement import Placing
-from robotree.vr.core.stop import HARDWARE, Stop
+from robotree.vr.core.stop import HARDWARE, PauseState, Stop
 
 LONGEST_DEADLINE = 7 * 24 * 3600.0
 """[s]"""

@@ -11,7 +11,7 @@ import pytest
 from robotree.vr import Child, CommandCancelled, DeadlineExceeded, Robot, Unit, VirtualRobot, command
 from robotree.vr.base.errors import NothingHeld, NotInControl, NotPaused, NotVirtual
 from robotree.vr.core import events as on
-from robotree.vr.core.pause import PauseState
+from robotree.vr.core.stop import PauseState
 
 
 class Arm(Robot):
