@@ -10,10 +10,12 @@ from textual._context import visible_screen_stack
 from textual.app import App
 from textual.pilot import Pilot
 from textual.screen import Screen
+from textual.widget import Widget
 from textual.widgets import ContentSwitcher, OptionList
 
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.widgets.field_row import FieldRow
 from tests.waiting import PATIENCE
 
 
@@ -90,3 +92,8 @@ def _takes_keys(app: Supervisor) -> bool:
         chosen = screen.query_one("#commands", OptionList).highlighted
         return chosen is None or screen.query_one("#forms", ContentSwitcher).current == f"command-{chosen}"
     return True
+
+
+def row(form: Widget, name: str) -> FieldRow:
+    """Return the row of a field in a form, or in a page with one form."""
+    return next(row for row in form.query(FieldRow) if row.spec.name == name)

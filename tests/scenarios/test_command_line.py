@@ -174,7 +174,7 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     proved |= {"migrate", "drain", "place", "service"}  # of several hosts, and of services
     proved |= {"permits", "permit allow", "permit deny"}  # of assistants: tests/assistants
     proved |= {"fault cut", "fault delay", "fault freeze", "fault kill"}  # tests/scenarios/test_trials.py
-    proved |= {"questions"}  # of scripts: tests/tui/screens/test_questions_of_scripts.py
+    proved |= {"questions"}  # of scripts: tests/tui/screens/test_questions.py
     proved |= {"alarms watch"}  # tests/tui/test_alarms_without_a_screen.py
     proved |= {"compose"}  # tests/tui/composing
     proved |= {"restart"}  # of what has gone: tests/tui/test_restarting.py

@@ -41,6 +41,9 @@ KEYS = {
     "=": "equals_sign", "[": "left_square_bracket", "]": "right_square_bracket", ",": "comma",
 }  # fmt: skip
 
+LOOK_AGAIN = 0.03
+"""[s] between two looks at the screen; Textual's own pause would ask each widget whether it is idle."""
+
 W = TypeVar("W", bound=Widget)
 S = TypeVar("S", bound="Screen[object]")
 
@@ -91,8 +94,8 @@ class Operator:
         """Wait until something holds."""
         try:
             async with asyncio.timeout(within):
-                while not holds():  # the screen has no event for every change
-                    await self._pilot.pause(0.02)
+                while not holds():  # noqa: ASYNC110 # the screen has no event for every change
+                    await asyncio.sleep(LOOK_AGAIN)
         except TimeoutError:
             pytest.fail(f"{what} did not come about:\n{self.text}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,11 +16,13 @@ from robotree.tui.line.going import lifetime
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import Outcome
 from robotree.tui.processes.place_files import NamedPlace, places_beside
+from robotree.tui.processes.terminal_graphics import PictureAbility
 from robotree.tui.screen.pages.going import GoDialog, NameDialog
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.tui.screen.widgets.plan_pane import PlanView
 from robotree.tui.screen.widgets.views_pane import PointedPicture
+from robotree.tui.seen.graphics import PLACEHOLDER
 from robotree.tui.seen.selection import Place
 from robotree.vr.base.envelope import sitting_at
 from robotree.vr.base.errors import HeldByOperator
@@ -28,6 +31,7 @@ from robotree.vr.network.policy_file import PolicyFile
 if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
     from tui.conftest import Realm
+
 
 GO = Surface(Where.SCRIPT).parse(["go", "arm-1", "x=0.3", "y=0.1", "--preview"])
 
@@ -102,16 +106,6 @@ async def test_what_somebody_else_controls_is_refused_before_anybody_says_go(
         assert realm.arm.calls == []
 
 
-async def test_a_point_gets_a_name(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await at_plan(operator)
-        await operator.press("up", "K")
-        await operator.at(NameDialog)
-        await operator.type("shelf")
-        await operator.press("enter")
-        await operator.sees("this realm keeps nothing, so it has no places")
-
-
 async def test_a_named_point_has_the_height_and_the_twist_of_the_tool_and_a_wrong_name_can_be_mended(
     realm: Realm, operate: Operate, tmp_path: Path
 ) -> None:
@@ -137,17 +131,6 @@ async def test_a_named_point_has_the_height_and_the_twist_of_the_tool_and_a_wron
         assert point is not None
         wanted = {"x": point[0], "y": point[1], "z": 0.3, "twist": math.pi / 2}
         assert places_beside(gate).find("shelf").at == pytest.approx(wanted, abs=1e-3)
-
-
-async def test_a_point_of_another_frame_gets_no_name_in_that_of_the_robot(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        await at_plan(operator)
-        await operator.press("up")
-        monkeypatch.setattr(MainPage, "ground", "floor")
-        await operator.press("K")
-        await operator.sees("arm-1 moves in another frame, and the point is of floor")
 
 
 async def test_places_say_of_which_controller_they_are_and_which_of_them_lead_nowhere(
@@ -190,13 +173,26 @@ async def test_a_robot_goes_to_what_is_typed_angles_in_degrees_and_to_no_word(
         await operator.sees("twist 45.0°")
 
 
-async def test_a_click_moves_the_cursor_and_a_click_on_it_chooses(realm: Realm, operate: Operate) -> None:
+async def test_a_click_moves_the_cursor_a_click_on_it_chooses_and_a_point_of_the_robots_frame_gets_a_name(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async with operate(realm.realm_client) as operator:
         plan = await at_plan(operator)
         await operator.click("#plan")
         assert plan.cursor is not None
         await operator.click("#plan")
         await operator.at(GoDialog)
+        await operator.press("escape")
+        await operator.at(MainPage)
+        with monkeypatch.context() as elsewhere:
+            elsewhere.setattr(MainPage, "ground", "floor")
+            await operator.press("K")
+            await operator.sees("arm-1 moves in another frame, and the point is of floor")
+        await operator.press("K")
+        await operator.at(NameDialog)
+        await operator.type("shelf")
+        await operator.press("enter")
+        await operator.sees("this realm keeps nothing, so it has no places")
 
 
 async def test_a_point_in_a_picture_is_where_the_robot_goes(realm: Realm, operate: Operate) -> None:
@@ -244,3 +240,27 @@ async def test_cameras_stand_side_by_side_and_an_arm_is_a_skeleton_where_picture
         assert not picture.seen, "nothing is fetched"
         await operator.press("y")
         await operator.until(lambda: picture.seen, "a picture again")
+
+
+@pytest.mark.parametrize(
+    ("able", "sequence"),
+    [
+        (PictureAbility("kitty"), r"\x1b_Ga=T,U=1,q=2"),
+        (PictureAbility("sixel", (8, 16)), r"\x1b7\x1b\[\d+;\d+H\x1bP0;1;0q"),
+    ],
+    ids=["kitty", "sixel"],
+)
+async def test_a_picture_is_sent_in_pixels(
+    able: PictureAbility, sequence: str, realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        operator.app.pictures = able
+        sent: list[str] = []
+        assert operator.app.driver is not None
+        monkeypatch.setattr(operator.app.driver, "write", sent.append)
+        await operator.press("v")
+        picture = operator.one(PointedPicture, "#pointed")
+        await operator.until(lambda: picture.frames > 0, "a picture")
+        await operator.until(lambda: any(re.search(sequence, each) for each in sent), "its pixels")
+        shown = sum(line.count(PLACEHOLDER) for line in operator.text.splitlines())
+        assert shown == (picture.field.area if able.graphics == "kitty" else 0)

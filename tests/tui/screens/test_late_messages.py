@@ -81,7 +81,7 @@ async def test_a_choice_that_a_person_made_is_not_taken_back_by_the_robot(
         assert row.text == "slow", "what nobody touched follows"
 
 
-async def test_the_prompt_acts_on_what_stands_in_it(realm: Realm, operate: Operate) -> None:
+async def test_the_prompt_acts_once_on_what_stands_in_it(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client) as operator:
         main, prompt = operator.app.main, operator.app.main.query_one(Prompt)
         line = prompt.query_one(Input)
@@ -106,19 +106,13 @@ async def test_the_prompt_acts_on_what_stands_in_it(realm: Realm, operate: Opera
         await operator.settled()
         assert main.filters.get("robots", "") == ""
         assert prompt.letters == ""
-
-
-async def test_a_line_that_is_sent_twice_is_carried_out_once(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        prompt = operator.app.main.query_one(Prompt)
-        line = prompt.query_one(Input)
         prompt.open("verb")
         line.value = "call arm-1.go_to x=0.3 y=0 z=0.3 twist=0"
         line.post_message(Input.Submitted(line, line.value))
         line.post_message(Input.Submitted(line, line.value))
         await operator.sees("is done: ran")
         await operator.settled()
-        assert realm.arm.calls == ["go_to"]
+        assert realm.arm.calls == ["go_to"], "a line that is sent twice is carried out once"
 
 
 async def test_a_cancel_ends_also_the_steps_that_are_still_to_be_sent(realm: Realm, operate: Operate) -> None:
@@ -134,7 +128,7 @@ async def test_a_cancel_ends_also_the_steps_that_are_still_to_be_sent(realm: Rea
         await operator.until(lambda: realm.arm.calls == ["go_to"], "the step after the cancel")
 
 
-async def test_turning_twice_comes_to_the_camera_after_the_next(
+async def test_turning_twice_comes_to_the_camera_after_the_next_and_one_chosen_while_views_are_asked_stays(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with operate(realm.realm_client) as operator:
@@ -157,15 +151,8 @@ async def test_turning_twice_comes_to_the_camera_after_the_next(
         views.turn()
         await operator.settled()
         assert seen == [1, 2]
+        monkeypatch.setattr(cameras, "choose", choose)
 
-
-async def test_a_camera_that_was_chosen_while_the_views_were_asked_stays(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        operator.app.main.show_pane("views")
-        cameras = operator.app.main.query_one(ViewsPane).query_one(Cameras)
-        await operator.until(lambda: bool(cameras.all), "cameras")
         described = await realm.realm_client.describe_view("cell")
         asked, answered = asyncio.Event(), asyncio.Event()
 

@@ -14,6 +14,7 @@ from robotree.tui.line.page_keys import PAGE_KEYS, page_keys
 from robotree.tui.line.surface import Surface
 from robotree.tui.processes.choices import Choices
 from robotree.tui.processes.layout import LayoutFile
+from robotree.tui.screen.pages.help import help_text
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.seen.selection import Place
@@ -130,7 +131,7 @@ async def test_no_key_of_the_whole_program_changes_anything_where_one_may_only_l
     assert list((tmp_path / "here").iterdir()) == []
 
 
-async def test_neither_tele_operation_nor_the_composer_opens_where_one_may_only_look(
+async def test_who_may_only_look_has_keys_that_look_and_the_stop_and_opens_no_page_that_changes_anything(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client, readonly=True) as operator:
@@ -147,6 +148,20 @@ async def test_neither_tele_operation_nor_the_composer_opens_where_one_may_only_
         operator.app.do("cancel", NAME="arm-1")
         await operator.sees("no verb 'cancel': this is read-only")
         assert operator.app.screen is page
+        await operator.sees("realm test (read-only)")
+        bound = {binding.binding.id for binding in page.active_bindings.values() if binding.enabled}
+        assert bound.isdisjoint({"create", "enslave", "release", "delete", "cancel", "resume", "panel"})
+        assert {"show", "stop", "help", "quit"} <= bound
+        await operator.press("n", "e", "d", "enter", "R")
+        assert operator.app.screen is page
+        await operator.obey("delete rover-1")
+        await operator.sees("no verb 'delete': this is read-only")
+        shown = help_text(operator.app).plain
+        assert "enslave PARENT.SLOT CHILD" not in shown
+        assert "stop [NAME]" in shown
+        assert all("delete" not in command.title for command in operator.app.get_system_commands(page))
+        await operator.press("space")
+        await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")
 
 
 async def test_the_keys_can_be_drawn_while_a_page_is_on_its_way_out(realm: Realm, operate: Operate) -> None:

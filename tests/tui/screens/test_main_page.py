@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from typing import TYPE_CHECKING
 
 import pytest
 from textual.containers import VerticalScroll
-from textual.widgets import Button, Input
+from textual.widgets import Button, DirectoryTree, Input
 
 from robotree.tui.diagnosis.permits import permits
+from robotree.tui.screen.app import words_of
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog
+from robotree.tui.screen.pages.help import help_text
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.new import NewPage
+from robotree.tui.screen.pages.panel import PanelPage
+from robotree.tui.screen.widgets.log_pane import LogPane
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen.selection import Place
 from robotree.vr import Robot
@@ -23,8 +28,9 @@ from robotree.vr.base.policy_reading import read_policy
 from robotree.vr.base.principal import principal_of, this_process, user_name
 
 if TYPE_CHECKING:
-    from screens.conftest import Operate
+    from screens.conftest import Operate, Operator
     from tui.conftest import Realm
+
 
 ME = principal_of(this_process(), "", "pts/1").person
 """Who asks in these tests."""
@@ -68,7 +74,9 @@ async def test_a_cursor_key_draws_two_lines_before_anything_else(
         await operator.until(lambda: "z4" in str(operator.one(VerticalScroll, "#details-box").border_title))
 
 
-async def test_enslaving_from_the_child_offers_the_slots_that_take_it(realm: Realm, operate: Operate) -> None:
+async def test_enslaving_from_the_child_offers_the_slots_that_take_it_and_what_cannot_be_is_not_asked(
+    realm: Realm, operate: Operate
+) -> None:
     await realm.create("move_to.py", "mover")
     async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "mover" in operator.app.store.descriptions)
@@ -78,19 +86,15 @@ async def test_enslaving_from_the_child_offers_the_slots_that_take_it(realm: Rea
         await operator.at(EnslaveDialog)
         await operator.press("escape")
         await operator.at(MainPage)
+        for key, refusal in (
+            ("d", "arm-1 stands for a robot: end its proxy"),
+            ("r", "arm-1 has no child"),
+            ("R", "no robot is in protective stop"),
+        ):
+            await operator.press(key)
+            await operator.sees(refusal)
         await operator.press("down", "down", "e")
         await operator.sees("rover-1 has no empty slot and none waits for it")
-
-
-async def test_what_cannot_be_deleted_is_not_even_asked_about(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("An arm of paper")
-        await operator.press("d")
-        await operator.sees("arm-1 stands for a robot: end its proxy")
-        await operator.press("r")
-        await operator.sees("arm-1 has no child")
-        await operator.press("R")
-        await operator.sees("no robot is in protective stop")
 
 
 async def test_space_stops_everything_on_every_page_but_is_a_space_while_typing(
@@ -186,12 +190,9 @@ async def test_the_cursor_returns_to_the_robot_that_a_filter_hid(realm: Realm, o
 
 
 async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: Operate) -> None:
-    async with operate(
-        realm.realm_client, size=(120, 500), farewell="The demo ends with this screen."
-    ) as operator:
-        await operator.press("question_mark")
-        await operator.sees("Leave. The demo ends with this screen.")
-        await operator.press("escape", "q")
+    async with operate(realm.realm_client, farewell="The demo ends with this screen.") as operator:
+        assert "Leave. The demo ends with this screen." in help_text(operator.app).plain
+        await operator.press("q")
         await operator.at(Confirm)
         await operator.sees("The demo ends with this screen.")
         await operator.press("escape")
@@ -200,11 +201,15 @@ async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: O
         await operator.until(lambda: operator.app.return_value == 0, "it has ended")
 
 
-async def test_views_show_a_live_picture_only_while_they_are_looked_at(
+async def test_the_others_hear_which_part_is_in_front_and_pictures_are_live_only_while_they_are_looked_at(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client) as operator:
-        await operator.press("v")
+        told = [words_of(operator.app.screen)]
+        for key in ("F", "g", "l", "v"):
+            await operator.press(key)
+            told.append(words_of(operator.app.screen))
+        assert told == ["the list", "the plan", "the log", "the list", "the views"]
         await operator.sees("cell / cell", "cell / wrist", "lever", "peak_force 6.5 N", "▀▀▀▀")
         await operator.press("down")
         await operator.until(lambda: "wrist" in realm.cell.looks, "the other camera")
@@ -212,7 +217,7 @@ async def test_views_show_a_live_picture_only_while_they_are_looked_at(
         await operator.until(lambda: isinstance(operator.app.focused, RobotTable))
         looks = len(realm.cell.looks)
         await operator.press("g")
-        await operator._pilot.pause(0.6)
+        await asyncio.sleep(0.6)
         assert len(realm.cell.looks) <= looks + 1, "nobody looks, nobody draws"
 
 
@@ -323,3 +328,135 @@ async def test_control_that_changes_hands_is_told_once_and_taken_after_a_plain_q
             "you have control of arm-1",
             f"nobody has control of arm-1: {ME} gave it up, or is gone",
         ]
+
+
+def log_lines(operator: Operator) -> str:
+    """Return what the log shows, without the line that flashes below it."""
+    log = operator.one(LogPane)
+    return "\n".join(log.render_line(y).text for y in range(log.size.height))
+
+
+@pytest.mark.usefixtures("every_frame")
+async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        for number in range(80):
+            operator.app.tell(f"event {number}")
+        await operator.press("g")
+        await operator.sees("event 79")
+        await operator.press("l")
+        await operator.resize(100, 20)
+        for number in range(20):
+            operator.app.tell(f"later {number}")
+        operator.app.main.draw()
+        await operator.press("g")
+        await operator.until(lambda: "later 19" in log_lines(operator), "the end")
+        await operator.press("home")
+        await operator.until(lambda: "event 0" in log_lines(operator), "the beginning")
+        operator.app.tell("another one")
+        await operator.press("l")
+        await operator.resize(100, 24)
+        await operator.press("g")
+        await operator.until(lambda: "event 3" in log_lines(operator), "what was read")
+        await operator.press("end")
+        await operator.until(lambda: "another one" in log_lines(operator), "the end")
+        operator.app.tell("the last")
+        await operator.until(lambda: "the last" in log_lines(operator), "what comes then")
+        await operator.press("down")
+        operator.app.tell("the next")
+        operator.app.progress(0.5, "3 cm to go")  # of a typed command: the list shows it, not the log
+        await operator.until(lambda: "the next" in log_lines(operator), "who is at the end follows on")
+        assert operator.app.store.entries[-1].text == "the next"
+
+
+async def test_who_goes_to_the_beginning_while_lines_come_stays_there(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        for number in range(80):
+            operator.app.tell(f"event {number}")
+        await operator.press("g")
+        await operator.sees("event 79")
+        operator.app.tell("a line that is still to be scrolled to")
+        operator.app.main.draw()
+        operator.one(LogPane).action_scroll_home()  # in the same turn
+        await operator.until(lambda: "event 0" in log_lines(operator), "the beginning")
+        operator.app.tell("the next")
+        operator.app.main.draw()
+        await operator.settled()
+        assert "event 0" in log_lines(operator)
+
+
+async def test_the_log_is_there_in_a_small_terminal(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client, size=(50, 15)) as operator:
+        for number in range(30):
+            operator.app.tell(f"something happened, and it takes more than one line to say: {number}")
+        await operator.press("g")
+        await operator.sees("say: 29")
+        await operator.resize(80, 24)
+        await operator.sees("say: 29")
+        await operator.resize(50, 15)
+        await operator.sees("say: 29")
+
+
+def at_a_file(tree: DirectoryTree) -> bool:
+    node = tree.cursor_node
+    return node is not None and node.data is not None and node.data.path.suffix == ".py"
+
+
+class Counting:
+    """Presses keys and counts them."""
+
+    def __init__(self, operator: Operator) -> None:
+        self.operator, self.keys = operator, 0
+
+    async def press(self, *keys: str) -> None:
+        self.keys += len(keys)
+        await self.operator.press(*keys)
+
+    async def make(self, file: str, name: str) -> None:
+        """Make a robot of an example, with the name that is suggested."""
+        operator = self.operator
+        await self.press("n")
+        page = await operator.at(NewPage)
+        await operator.sees(file)
+        tree = operator.one(DirectoryTree)
+        await operator.until(lambda: tree.has_focus and at_a_file(tree), "the first file")
+        for _ in range(9):
+            node = tree.cursor_node
+            if node and node.data and node.data.path.name == file:
+                break
+            await self.press("down")
+        await self.press("enter")
+        await operator.until(lambda: not page.query_one("#create", Button).disabled, "it can be made")
+        await self.press("enter")
+        await operator.at(MainPage)
+        await operator.until(lambda: operator.app.selection.name == name, f"{name} is selected")
+        await operator.until(lambda: name in operator.app.store.descriptions, f"{name} is described")
+        app = operator.app
+        await operator.until(lambda: not app.selection.refusal(app.now()), "a person has seen the selection")
+
+    async def enslave(self, path: str, child: str) -> None:
+        await self.press("e")
+        await self.operator.at(EnslaveDialog)
+        await self.operator.sees(path, child)
+        await self.press("enter")
+        await self.operator.sees(f"{path} commands {child}")
+
+
+async def test_from_nothing_to_a_closing_lever_it_takes_eighteen_keys(realm: Realm, operate: Operate) -> None:
+    async with operate(realm.realm_client) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "the arm")
+        await operator.until(lambda: bool(operator.app.store.hosts), "a host")
+        hand = Counting(operator)
+        await hand.make("move_to.py", "move-to")
+        await hand.enslave("move-to.arm", "arm-1")
+        await hand.make("open_close_lever.py", "open-close-lever")
+        await hand.enslave("open-close-lever.mover", "move-to")
+        await hand.press("enter")
+        page = await operator.at(PanelPage)
+        await operator.until(lambda: bool(page.query("CommandForm")), "the form")
+        assert page.robot.commands[0].name == "close"
+        await hand.press("ctrl+r")
+        await operator.sees("done in")
+        assert realm.arm.lever > 0.75, "the lever is closed"
+        assert hand.keys <= 18, f"{hand.keys} keys"

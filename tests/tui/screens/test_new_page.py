@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
+
 GOOD = '''
 """A file."""
 from robotree.vr import Child, VirtualRobot, command

@@ -1,17 +1,23 @@
-"""Readings over time on the screen: ticked, drawn, looked back at, two against each other; alarms."""
+"""Readings over time and messages of a wire: ticked, drawn, looked back at; alarms."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated
 
+import pytest
+from textual.widgets import OptionList
+
 from robotree.tui.processes.layout import LayoutFile
+from robotree.tui.processes.wire_watch import WireMessage
 from robotree.tui.screen.pages.main import MainPage
+from robotree.tui.screen.pages.messages import MessagesPage
 from robotree.tui.screen.pages.readings import Plot, ReadingsPage
+from robotree.tui.screen.widgets.cached_text import CachedText
 from robotree.vr import Robot, Stream, Unit
 
 if TYPE_CHECKING:
-    import pytest
     from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
@@ -126,3 +132,59 @@ async def test_a_number_in_a_stream_is_ticked_heard_while_it_is_and_again_after_
         await operator.until(lambda: press.force.wanted, "somebody listens, whatever page is in front")
         operator.app.tick(("press-1", "stream/force"))
         await operator.until(lambda: not press.force.wanted, "nobody listens any more")
+
+
+TOLD = (
+    WireMessage(1, 1, "GOAL_STATUS", 7, 10.0, 0.1, {"progress": 0.25, "name": "x", "args": [1.0, 2.0]}),
+    WireMessage(1, 1, "HEARTBEAT", 3, 1.0, 0.4, {"type": 27}),
+)
+
+
+async def test_a_field_is_ticked_and_its_plot_is_a_key_away(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with operate(realm.realm_client, size=(120, 34)) as operator:
+        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+        operator.app.choose("arm-1")
+        watch = SimpleNamespace(messages=TOLD, note="")
+        monkeypatch.setattr(
+            operator.app, "watch_wire", lambda robot: operator.app.wires.setdefault(robot, watch)
+        )
+        await operator.press("Q")
+        await operator.at(MessagesPage)
+        await operator.sees(
+            "1/1 GOAL_STATUS", "10.0/s", "0.1 s", "□ args[0]  1", "□ progress  0.25", "name  x"
+        )
+        await operator.press("enter", "end", "enter")
+        await operator.sees("name is no number")
+        await operator.press("home", "enter")
+        await operator.sees("■ progress")
+        operator.app._heard_wire("arm-1", TOLD)
+        await operator.press("U")
+        await operator.at(ReadingsPage)
+        await operator.sees("■ arm-1.GOAL_STATUS.progress  0.25")
+        await operator.press("escape")
+        await operator.at(MessagesPage)
+        monkeypatch.setattr(operator.app, "leave_wire", operator.app.wires.pop)
+        await operator.press("escape")
+        await operator.at(MainPage)
+
+
+@pytest.mark.parametrize("size", [(40, 12), (80, 24)])
+async def test_the_readings_have_rows_and_an_alarm_is_whole_in_a_small_terminal(
+    realm: Realm, operate: Operate, place: Path, monkeypatch: pytest.MonkeyPatch, size: tuple[int, int]
+) -> None:
+    monkeypatch.setattr(realm.realm_client, "realm", "alarms")
+    monkeypatch.setenv("XDG_STATE_HOME", str(place))
+    async with operate(realm.realm_client, size=size) as operator:
+        await operator.until(lambda: operator.app.store.state("arm-1") is not None)
+        operator.app.choose("arm-1")
+        await operator.press("U")
+        page = await operator.at(ReadingsPage)
+        await operator.obey("alarm below arm-1.fz 0")
+        await operator.until(lambda: bool(operator.app.store.watched.open()), "the alarm")
+        choices, alarms = page.query_one(OptionList), page.query_one("#readings-alarms", CachedText)
+        await operator.until(lambda: alarms.display and alarms.size.height > 0, "its line")
+        assert choices.scrollable_content_region.height >= 2, operator.text
+        assert alarms.size.height <= size[1] // 6
+        await operator.sees("raised arm-1.fz < 0 N")

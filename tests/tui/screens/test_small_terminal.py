@@ -37,12 +37,15 @@ def test_what_has_no_room_in_the_line_of_keys_is_left_out_whole_but_for_help() -
     assert fitting([5, 5], 9, None) == [0]
 
 
-async def test_another_size_is_drawn_at_once_and_not_with_the_next_tick(
+async def test_another_size_is_drawn_at_once_and_ctrl_c_says_what_leaves(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with operate(realm.realm_client) as operator:
         await operator.until(lambda: "x" in operator.app.store.readings("arm-1"), "its readings")
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
+        await operator.press("ctrl+c")
+        await operator.sees("ctrl+q leaves; ctrl+s stops every robot")
+        assert "Do you want to quit" not in operator.text
         monkeypatch.setattr(page, "TICK", 1e6)
         operator.app.ask_for("panel", Place("arm-1"))
         await operator.at(PanelPage)
@@ -70,6 +73,12 @@ async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
         operator.app.store.take_alarms([alarm], operator.app.now(), "")
         await operator.sees("● free ▲ ")  # an alarm leaves the word for how the robot is
         page = await operator.panel()
+        operator.app.open_teleoperation(operator.app.store.descriptions["arm-1"])
+        teleop = await operator.at(TeleopPage)
+        await operator.sees("space STOP", "↑ +x", "⇟ -z", "step 10 mm", "● at rest")
+        assert teleop.query_one(PictureView).size.width == 0, "its keys have the terminal to themselves"
+        await operator.press("escape")
+        await operator.at(PanelPage)
         await operator.press("enter")
         await operator.until(lambda: isinstance(operator.app.focused, Input), "the cursor")
         await operator.sees("arm-1", "space STOP", "x           0.35", "-0.8 …")
@@ -80,17 +89,6 @@ async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(
 
 def test_the_first_words_of_an_empty_realm_fit_into_a_narrow_terminal() -> None:
     assert max(map(len, EMPTY.splitlines())) <= 50 - 2 * 2
-
-
-async def test_the_keys_of_tele_operation_have_a_small_terminal_to_themselves(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client, size=SMALL) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
-        operator.app.open_teleoperation(operator.app.store.descriptions["arm-1"])
-        page = await operator.at(TeleopPage)
-        await operator.sees("space STOP", "↑ +x", "⇟ -z", "step 10 mm", "● at rest")
-        assert page.query_one(PictureView).size.width == 0
 
 
 async def test_tele_operation_tells_what_it_does_however_many_readings_there_are(
@@ -126,13 +124,6 @@ async def test_another_page_shows_what_happened_last_and_how_much_more(
         await operator.sees("NOT by rover-1")
         operator.app.tell("calm again", "good")
         await operator.until(lambda: operator.one(FlashLine).size.height == 1, "one line is enough again")
-
-
-async def test_ctrl_c_says_what_leaves_and_covers_nothing(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.press("ctrl+c")
-        await operator.sees("ctrl+q leaves; ctrl+s stops every robot")
-        assert "Do you want to quit" not in operator.text
 
 
 async def test_how_to_resume_and_which_page_is_in_front_are_read_in_40_columns(

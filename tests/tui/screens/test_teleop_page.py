@@ -126,7 +126,7 @@ async def test_forces_place_and_picture_stand_beside_the_keys(realm: Realm, oper
         )
 
 
-async def test_a_refusal_is_shown_and_the_next_step_starts_where_the_arm_is(
+async def test_a_refusal_is_shown_the_next_step_starts_where_the_arm_is_and_one_that_vanishes_is_told(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client) as operator:
@@ -140,16 +140,9 @@ async def test_a_refusal_is_shown_and_the_next_step_starts_where_the_arm_is(
         await operator.press("up")
         await operator.until(lambda: realm.arm.pose["x"] == pytest.approx(0.36), "it moves again")
         await operator.until(lambda: not page._refusal, "the refusal is over")
-
-
-async def test_a_robot_that_vanishes_under_the_keys_is_told_and_breaks_nothing(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await sit_at(operator)
         realm.network.kill(realm.members["arm-1"])
         await operator.press("up", "O", "pageup")
-        await operator.until(lambda: bool(page._refusal), "a sentence")
+        await operator.until(lambda: bool(page._refusal), "a sentence, and nothing breaks")
         await operator.press("escape")
         await operator.at(MainPage)
 

@@ -1,4 +1,4 @@
-"""On the screen `z` shows where a robot is in its page, and the keys there pause it and let it step."""
+"""On the screen `z` shows where a robot is in its page, `W` who had it move, `H` what it did."""
 
 from __future__ import annotations
 
@@ -6,19 +6,21 @@ import asyncio
 import time
 from typing import TYPE_CHECKING
 
+import pytest
 from msgspec.structs import replace
 
+from robotree.tui.screen.pages.dialogs import Reading
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.where import WherePage
 from robotree.vr.base.history_event import HistoryEvent, NumberedEvent
 from robotree.vr.base.requests import EventsRead, ReadEvents
 
 if TYPE_CHECKING:
-    import pytest
     from screens.conftest import Operate
     from tui.conftest import Realm
 
     from robotree.vr.base.description import RobotDescription
+
 
 GOAL = {"x": 0.3, "y": 0.0, "z": 0.3, "twist": 0.0}
 
@@ -76,3 +78,33 @@ async def test_who_may_only_look_sees_no_key_that_pauses(realm: Realm, operate: 
         assert not page.check_action("verb", ("pause",))
         await operator.press("b")
         assert not operator.app.store.descriptions["arm-1"].paused
+
+
+TEAM = HistoryEvent(
+    kind="accepted", unix=1.0, robot="team", key="k", command="fetch", person="anna@pts/3", process=7
+)
+ARM = HistoryEvent(
+    kind="accepted", unix=2.0, robot="arm-1", key="k/2", command="go_to", caller="team", line=12, epoch=7,
+    arguments={"x": 0.3},
+)  # fmt: skip
+
+
+async def test_w_tells_who_had_the_selected_robot_move_and_h_what_it_did(
+    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def read_events(request: ReadEvents) -> dict[str, EventsRead]:
+        found = [ARM, ARM] if request.robot and not (request.last or request.key) else [TEAM, ARM]
+        return {"host h1": EventsRead(events=tuple(NumberedEvent(*one) for one in enumerate(found, 1)))}
+
+    async with operate(realm.realm_client) as operator:
+        await operator.sees("arm-1")
+        operator.app.choose("arm-1")
+        await operator.press("W")
+        await operator.sees("nothing is kept of arm-1")
+        monkeypatch.setattr(realm.realm_client, "read_events", read_events)
+        await operator.press("W")
+        await operator.at(Reading)
+        await operator.sees("arm-1.go_to x=0.3", "step 2 of team.fetch, line 12", "asked by anna@pts/3")
+        await operator.press("escape", "H")
+        await operator.at(Reading)
+        await operator.sees("accepted", "go_to x=0.3")

@@ -16,8 +16,8 @@ from robotree.tui.screen.widgets.command_form import CommandForm
 from robotree.tui.seen.selection import Place
 
 if TYPE_CHECKING:
+    from screens.conftest import Operate, Operator
     from tui.conftest import Realm
-    from tui.screens.conftest import Operate, Operator
 
 
 async def go_to(operator: Operator, page: type[Page]) -> None:
@@ -58,7 +58,9 @@ async def test_a_verb_can_be_typed_on_every_page_and_a_space_in_it_is_no_stop(
         assert realm.arm.calls == [], "and nothing was moved"
 
 
-async def test_it_is_open_while_a_command_of_the_panel_runs(realm: Realm, operate: Operate) -> None:
+async def test_it_is_open_while_a_command_runs_and_a_verb_about_the_list_leaves_the_panel_for_it(
+    realm: Realm, operate: Operate
+) -> None:
     async with operate(realm.realm_client) as operator:
         await go_to(operator, PanelPage)
         form = operator.app.screen.query_one(CommandForm)
@@ -70,6 +72,12 @@ async def test_it_is_open_while_a_command_of_the_panel_runs(realm: Realm, operat
         await operator.until(lambda: not form.running, "it is cancelled")
         realm.arm.under_way = False
         assert operator.app.store.stop is None
+        operator.burst(":log\r")
+        main = await operator.at(MainPage)
+        assert main.pane == "log"
+        await go_to(operator, PanelPage)
+        await operator.press("colon", "up")
+        assert operator.one(Input, "#line").value == "log", "a line that was typed on another page"
 
 
 async def test_what_is_typed_for_the_prompt_at_a_question_answers_nothing_and_stops_nothing(
@@ -94,19 +102,6 @@ async def test_what_is_typed_for_the_prompt_at_a_question_answers_nothing_and_st
         assert operator.app.store.stop is None
 
 
-async def test_a_verb_about_the_list_leaves_the_panel_for_it_and_is_recalled_there(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        await go_to(operator, PanelPage)
-        operator.burst(":log\r")
-        main = await operator.at(MainPage)
-        assert main.pane == "log"
-        await go_to(operator, PanelPage)
-        await operator.press("colon", "up")
-        assert operator.one(Input, "#line").value == "log", "a line that was typed on another page"
-
-
 async def test_verbs_of_other_programs_leave_and_unknown_ones_are_explained(
     realm: Realm, operate: Operate
 ) -> None:
@@ -123,3 +118,26 @@ async def test_verbs_of_other_programs_leave_and_unknown_ones_are_explained(
         await operator.sees("no verb 'pods'; ? shows all keys and verbs")
         operator.app.run_typed("delte arm-1")
         await operator.sees("no verb 'delte'; did you mean delete?")
+
+
+async def test_a_verb_of_the_shell_says_what_to_type_there_and_a_name_of_nobody_asks_nothing(
+    realm: Realm, operate: Operate
+) -> None:
+    async with operate(realm.realm_client) as operator:
+        for line in ("run 'my day.session'", "watch arm-1", "wire", "wire ping --connect tcp:127.0.0.1:5760"):
+            await operator.obey(line)
+            await operator.sees("it is for a shell:")
+            told = operator.app.store.entries[-1].text
+            assert f"`robotree --realm test {line}`" in told
+        for line, says in (
+            ("delete nobody", "no robot named 'nobody' is running"),
+            ("delete a/b", "'a/b' cannot be a name"),
+            ("release nobody.arm", "no robot named 'nobody' is running"),
+            ("resume a..b", "'a..b' cannot be a name"),
+            ("call arm-1.go_to x=1 --within soon", "'soon' is no duration"),
+        ):
+            await operator.obey(line)
+            await operator.sees(says)
+            assert isinstance(operator.app.screen, MainPage), line
+        await operator.obey("delete rover-1")
+        await operator.at(Confirm)
