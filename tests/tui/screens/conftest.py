@@ -34,6 +34,8 @@ from tests.screen import at_rest, press, shows, text_of
 from tests.waiting import PATIENCE
 
 if TYPE_CHECKING:
+    from tui.conftest import Realm
+
     from robotree.vr.supervision.realm_client import RealmClient
 
 KEYS = {
@@ -287,3 +289,10 @@ def operate() -> Operate:
         assert mended or app.errors == []
 
     return sit_down
+
+
+@pytest.fixture
+async def operator(realm: Realm, operate: Operate) -> AsyncGenerator[Operator]:
+    """Sit down before the usual realm, on a usual screen."""
+    async with operate(realm.realm_client) as found:
+        yield found

@@ -67,53 +67,49 @@ async def test_robotree_compose_begins_in_the_composer_over_one_main_page(
         assert [type(page) for page in operator.app.screen_stack[1:]] == [MainPage, ComposePage]
 
 
-async def test_steps_are_chosen_nested_given_parameters_and_made(
-    realm: Realm, operate: Operate, here: Path
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await composer(operator)
-        await operator.sees("no step yet")
-        await add(operator, "arm-1.go_to")
-        await add(operator, "repeat", "repeat 3")
-        await add(operator, "arm-1.grip")
-        await operator.until(lambda: len(page.rows) == 3, "three steps")
-        assert lines(page) == [
-            "arm.go_to x=0.35 y=0.0 z=0.4 twist=0deg", "repeat 3", "  arm.grip action=open",
-        ]  # fmt: skip
-        await operator.sees("✓ 3 steps, which can be tried and made", "arm: Arm (arm-1)")
-        await operator.press("home", "dollar_sign")
-        await operator.at(Choosing)
-        await operator.press("down", "enter")
-        await operator.at(ComposePage)
-        assert lines(page)[0] == "arm.go_to x=0.35 y=$y z=0.4 twist=0deg"
-        assert page.parameters == {"y": "0.0"}
-        await operator.press("ctrl+r")
-        await operator.sees("✓ made mine.py")
-        text = (here / "mine.py").read_text()
-        assert "def carry_out(self, y: Metres = 0.0) -> None:" in text
-        assert "for _ in range(3):" in text
-        await operator.press("escape")
-        await operator.at(MainPage)
+async def test_steps_are_chosen_nested_given_parameters_and_made(operator: Operator, here: Path) -> None:
+    page = await composer(operator)
+    await operator.sees("no step yet")
+    await add(operator, "arm-1.go_to")
+    await add(operator, "repeat", "repeat 3")
+    await add(operator, "arm-1.grip")
+    await operator.until(lambda: len(page.rows) == 3, "three steps")
+    assert lines(page) == [
+        "arm.go_to x=0.35 y=0.0 z=0.4 twist=0deg", "repeat 3", "  arm.grip action=open",
+    ]  # fmt: skip
+    await operator.sees("✓ 3 steps, which can be tried and made", "arm: Arm (arm-1)")
+    await operator.press("home", "dollar_sign")
+    await operator.at(Choosing)
+    await operator.press("down", "enter")
+    await operator.at(ComposePage)
+    assert lines(page)[0] == "arm.go_to x=0.35 y=$y z=0.4 twist=0deg"
+    assert page.parameters == {"y": "0.0"}
+    await operator.press("ctrl+r")
+    await operator.sees("✓ made mine.py")
+    text = (here / "mine.py").read_text()
+    assert "def carry_out(self, y: Metres = 0.0) -> None:" in text
+    assert "for _ in range(3):" in text
+    await operator.press("escape")
+    await operator.at(MainPage)
 
 
-async def test_steps_move_with_what_is_in_them_and_can_be_taken_out(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await composer(operator)
-        await add(operator, "wait", "wait 1")
-        await add(operator, "repeat")
-        await add(operator, "arm-1.hold")
-        assert lines(page) == ["wait 1", "repeat 2", "  arm.hold"]
-        await operator.press("up", "ctrl+up")
-        assert lines(page) == ["repeat 2", "  arm.hold", "wait 1"]
-        await operator.press("ctrl+down")
-        assert lines(page) == ["wait 1", "repeat 2", "  arm.hold"]
-        await operator.press("down", "left")
-        assert lines(page) == ["wait 1", "repeat 2", "arm.hold"]
-        await operator.sees("there is no step in `repeat`")
-        await operator.press("right")
-        assert lines(page) == ["wait 1", "repeat 2", "  arm.hold"]
-        await operator.press("up", "delete")
-        assert lines(page) == ["wait 1"]
+async def test_steps_move_with_what_is_in_them_and_can_be_taken_out(operator: Operator) -> None:
+    page = await composer(operator)
+    await add(operator, "wait", "wait 1")
+    await add(operator, "repeat")
+    await add(operator, "arm-1.hold")
+    assert lines(page) == ["wait 1", "repeat 2", "  arm.hold"]
+    await operator.press("up", "ctrl+up")
+    assert lines(page) == ["repeat 2", "  arm.hold", "wait 1"]
+    await operator.press("ctrl+down")
+    assert lines(page) == ["wait 1", "repeat 2", "  arm.hold"]
+    await operator.press("down", "left")
+    assert lines(page) == ["wait 1", "repeat 2", "arm.hold"]
+    await operator.sees("there is no step in `repeat`")
+    await operator.press("right")
+    assert lines(page) == ["wait 1", "repeat 2", "  arm.hold"]
+    await operator.press("up", "delete")
+    assert lines(page) == ["wait 1"]
 
 
 async def test_leaving_a_new_line_drops_it_and_leaving_the_page_asks_about_its_steps(
@@ -137,64 +133,59 @@ async def test_leaving_a_new_line_drops_it_and_leaving_the_page_asks_about_its_s
 
 
 async def test_the_line_that_is_edited_is_made_too_and_one_that_is_no_step_is_refused(
-    realm: Realm, operate: Operate, here: Path
+    operator: Operator, here: Path
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await composer(operator)
-        await add(operator, "arm-1.hold")
-        await add(operator, "wait", "wait 1")
-        await operator.press("enter")
-        line = operator.one(Input, "#step-line")
-        for key in ("f5", "ctrl+r"):
-            line.value = "import os"
-            await operator.press(key)
-            await operator.sees("`import os` is no step")
-            assert line.has_focus
-            assert lines(page) == ["arm.hold", "wait 1"]
-            assert not (here / "mine.py").exists()
-        line.value = "wait 3"
-        await operator.press("ctrl+r")
-        await operator.sees("✓ made mine.py")
-        assert lines(page) == ["arm.hold", "wait 3"]
-        assert "self.sleep(3" in (here / "mine.py").read_text()
+    page = await composer(operator)
+    await add(operator, "arm-1.hold")
+    await add(operator, "wait", "wait 1")
+    await operator.press("enter")
+    line = operator.one(Input, "#step-line")
+    for key in ("f5", "ctrl+r"):
+        line.value = "import os"
+        await operator.press(key)
+        await operator.sees("`import os` is no step")
+        assert line.has_focus
+        assert lines(page) == ["arm.hold", "wait 1"]
+        assert not (here / "mine.py").exists()
+    line.value = "wait 3"
+    await operator.press("ctrl+r")
+    await operator.sees("✓ made mine.py")
+    assert lines(page) == ["arm.hold", "wait 3"]
+    assert "self.sleep(3" in (here / "mine.py").read_text()
 
 
-async def test_nothing_of_a_person_is_overwritten_without_a_question(
-    realm: Realm, operate: Operate, here: Path
-) -> None:
+async def test_nothing_of_a_person_is_overwritten_without_a_question(operator: Operator, here: Path) -> None:
     (here / "mine.py").write_text("mine")
-    async with operate(realm.realm_client) as operator:
-        await composer(operator)
-        await add(operator, "arm-1.hold")
-        await operator.press("ctrl+r")
-        await operator.at(Confirm)
-        await operator.press("enter")  # the harmless answer has the focus
-        await operator.at(ComposePage)
-        assert (here / "mine.py").read_text() == "mine"
-        await operator.press("ctrl+r")
-        await operator.at(Confirm)
-        operator.one(Button, "#yes").press()
-        await operator.sees("✓ made mine.py")
-        assert "self.arm.hold()" in (here / "mine.py").read_text()
+    await composer(operator)
+    await add(operator, "arm-1.hold")
+    await operator.press("ctrl+r")
+    await operator.at(Confirm)
+    await operator.press("enter")  # the harmless answer has the focus
+    await operator.at(ComposePage)
+    assert (here / "mine.py").read_text() == "mine"
+    await operator.press("ctrl+r")
+    await operator.at(Confirm)
+    operator.one(Button, "#yes").press()
+    await operator.sees("✓ made mine.py")
+    assert "self.arm.hold()" in (here / "mine.py").read_text()
 
 
 async def test_a_robot_is_led_by_hand_but_not_one_that_another_one_commands(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+    operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await composer(operator)
-        await operator.press("T")
-        await operator.at(TeleopPage)
-        await operator.press("escape")
-        await operator.at(ComposePage)
-        await operator.sees("nothing was shown")
-        arm = operator.app.store.descriptions["arm-1"]
-        bond = BondSpec(parent=Address("robot", "greeter", "9"), slot="arm", epoch=1, remaining=1.0)
-        held = msgspec.structs.replace(arm, bond=bond)
-        monkeypatch.setattr(Store, "described", lambda _self, _name: held)
-        await operator.press("T")
-        await operator.sees("arm-1 is commanded by greeter")
-        assert isinstance(operator.app.screen, ComposePage)
+    await composer(operator)
+    await operator.press("T")
+    await operator.at(TeleopPage)
+    await operator.press("escape")
+    await operator.at(ComposePage)
+    await operator.sees("nothing was shown")
+    arm = operator.app.store.descriptions["arm-1"]
+    bond = BondSpec(parent=Address("robot", "greeter", "9"), slot="arm", epoch=1, remaining=1.0)
+    held = msgspec.structs.replace(arm, bond=bond)
+    monkeypatch.setattr(Store, "described", lambda _self, _name: held)
+    await operator.press("T")
+    await operator.sees("arm-1 is commanded by greeter")
+    assert isinstance(operator.app.screen, ComposePage)
 
 
 SHOWN = """\
@@ -263,20 +254,19 @@ class Feeling(Arm):
 
 
 async def test_after_each_grip_that_is_shown_the_robot_is_asked_what_it_holds(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
     arm = Feeling("arm-2")
     await realm.robot(arm)
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: len(operator.app.store.descriptions) == 3, "all are described")
-        await operator.until(lambda: "x" in operator.app.store.readings("arm-2"), "the arm is read")
-        await operator.press("C")
-        await operator.at(ComposePage)
-        await operator.press("T")
-        await operator.at(Choosing)
-        await operator.press("down", "enter")
-        led = await operator.at(TeleopPage)
-        for number, arm.cup in enumerate((False, True)):
-            await operator.press("O")
-            await operator.until(lambda count=number + 1: len(led.felt) == count, "it was asked")
-            assert led.felt[number].readings["holding"] is arm.cup
+    await operator.until(lambda: len(operator.app.store.descriptions) == 3, "all are described")
+    await operator.until(lambda: "x" in operator.app.store.readings("arm-2"), "the arm is read")
+    await operator.press("C")
+    await operator.at(ComposePage)
+    await operator.press("T")
+    await operator.at(Choosing)
+    await operator.press("down", "enter")
+    led = await operator.at(TeleopPage)
+    for number, arm.cup in enumerate((False, True)):
+        await operator.press("O")
+        await operator.until(lambda count=number + 1: len(led.felt) == count, "it was asked")
+        assert led.felt[number].readings["holding"] is arm.cup

@@ -14,9 +14,7 @@ from robotree.tui.screen.supervise import CRASHES, supervise
 from robotree.tui.seen.store import Store
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from screens.conftest import Operate
+    from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
 
@@ -60,15 +58,14 @@ async def test_an_error_at_every_drawing_is_told_once(
         await operator.sees("PROTECTIVE STOP")
 
 
-async def test_a_dialog_stands_in_the_middle_over_its_page(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("● free")
-        await operator.obey("delete arm-1")
-        dialog = await operator.at(Confirm)
-        box = dialog.query_one(".dialog").region
-        assert abs(2 * box.x + box.width - 120) <= 1
-        assert abs(2 * box.y + box.height - 34) <= 1
-        await operator.sees("arm-1  ", "delete arm-1?")
+async def test_a_dialog_stands_in_the_middle_over_its_page(operator: Operator) -> None:
+    await operator.sees("● free")
+    await operator.obey("delete arm-1")
+    dialog = await operator.at(Confirm)
+    box = dialog.query_one(".dialog").region
+    assert abs(2 * box.x + box.width - 120) <= 1
+    assert abs(2 * box.y + box.height - 34) <= 1
+    await operator.sees("arm-1  ", "delete arm-1?")
 
 
 class Headless:
@@ -85,11 +82,6 @@ class Headless:
             app.fatal = end
             return None
         return end
-
-
-@pytest.fixture(autouse=True)
-def own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
 
 async def test_a_screen_that_ends_by_an_error_is_opened_anew_and_says_so(

@@ -62,9 +62,7 @@ async def test_fields_that_nobody_touched_follow_the_robot_and_touched_ones_are_
         for moved in (0.6, 0.65):
             for field in (x, y):
                 field.tell_readings({"x": moved, "y": moved})
-        assert (x.text, y.text) == ("0.1", "0.65"), (
-            "readings may come before the message of it"
-        )
+        assert (x.text, y.text) == ("0.1", "0.65"), "readings may come before the message of it"
         await operator.settled()
         assert (x.touched, y.touched) == (True, False)
 
@@ -179,45 +177,42 @@ async def create_finisher(operator: Operator) -> NewPage:
 
 
 async def test_quick_keys_after_create_make_no_other_robots(
-    realm: Realm, operate: Operate, slow_host: asyncio.Event
+    operator: Operator, slow_host: asyncio.Event
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await create_finisher(operator)
-        operator.burst(f"z{ENTER}w{ENTER}\tne{ENTER}")
-        await operator.hears("8 keys (z ⏎ w ⏎ tab n e ⏎)", "finisher is being made")
-        await operator.click("#create")
-        assert page.query_one("#name", Input).value == "finisher"
-        slow_host.set()
-        await operator.at(MainPage)
-        await operator.until(lambda: "finisher" in operator.app.store.robots, "it is listed")
-        assert set(operator.app.store.robots) == {"arm-1", "rover-1", "finisher"}
+    page = await create_finisher(operator)
+    operator.burst(f"z{ENTER}w{ENTER}\tne{ENTER}")
+    await operator.hears("8 keys (z ⏎ w ⏎ tab n e ⏎)", "finisher is being made")
+    await operator.click("#create")
+    assert page.query_one("#name", Input).value == "finisher"
+    slow_host.set()
+    await operator.at(MainPage)
+    await operator.until(lambda: "finisher" in operator.app.store.robots, "it is listed")
+    assert set(operator.app.store.robots) == {"arm-1", "rover-1", "finisher"}
 
 
 async def test_a_key_pressed_just_after_the_page_has_closed_is_told(
-    realm: Realm, operate: Operate, slow_host: asyncio.Event, monkeypatch: pytest.MonkeyPatch
+    operator: Operator, slow_host: asyncio.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await create_finisher(operator)
-        monkeypatch.setattr(key_guard, "LOOK", 60.0)
-        slow_host.set()
-        await operator.at(MainPage)
-        operator.burst("n")
-        await operator.hears("the key n was dropped: what is in front now had just come")
-        assert isinstance(operator.app.screen, MainPage)
+    await create_finisher(operator)
+    monkeypatch.setattr(key_guard, "LOOK", 60.0)
+    slow_host.set()
+    await operator.at(MainPage)
+    operator.burst("n")
+    await operator.hears("the key n was dropped: what is in front now had just come")
+    assert isinstance(operator.app.screen, MainPage)
 
 
 async def test_the_stop_and_the_way_out_work_while_a_robot_is_being_made(
-    realm: Realm, operate: Operate, slow_host: asyncio.Event
+    operator: Operator, slow_host: asyncio.Event
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await create_finisher(operator)
-        operator.burst(" ")
-        await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")
-        operator.burst(ESCAPE)
-        await operator.at(MainPage)
-        await operator.sees("finisher is being made all the same")
-        slow_host.set()
-        await operator.sees("finisher (Finisher) runs on host-1")
+    await create_finisher(operator)
+    operator.burst(" ")
+    await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")
+    operator.burst(ESCAPE)
+    await operator.at(MainPage)
+    await operator.sees("finisher is being made all the same")
+    slow_host.set()
+    await operator.sees("finisher (Finisher) runs on host-1")
 
 
 async def test_a_running_command_takes_neither_values_nor_another_run_and_c_cancels_it(

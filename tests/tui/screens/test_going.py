@@ -45,65 +45,62 @@ async def at_plan(operator: Operator) -> PlanView:
     return operator.one(PlanView)
 
 
-async def test_the_cursor_of_the_plan_is_where_the_robot_goes(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        plan = await at_plan(operator)
-        await operator.press("up", "up", "left")
-        point = plan.point
-        assert point is not None
-        await operator.press("enter")
-        dialog = await operator.at(GoDialog)
-        assert realm.arm.calls == [], "nothing moves before somebody says so"
-        assert float(dialog.query_one("#at-x", Input).value) == round(point[0], 3)
-        dialog.query_one("#yes", Button).focus()
-        await operator.press("enter")
-        await operator.until(lambda: realm.arm.calls == ["go_to"], "the arm goes")
-        await operator.until(lambda: abs(realm.arm.pose["x"] - point[0]) < 1e-3, "it is there")
+async def test_the_cursor_of_the_plan_is_where_the_robot_goes(realm: Realm, operator: Operator) -> None:
+    plan = await at_plan(operator)
+    await operator.press("up", "up", "left")
+    point = plan.point
+    assert point is not None
+    await operator.press("enter")
+    dialog = await operator.at(GoDialog)
+    assert realm.arm.calls == [], "nothing moves before somebody says so"
+    assert float(dialog.query_one("#at-x", Input).value) == round(point[0], 3)
+    dialog.query_one("#yes", Button).focus()
+    await operator.press("enter")
+    await operator.until(lambda: realm.arm.calls == ["go_to"], "the arm goes")
+    await operator.until(lambda: abs(realm.arm.pose["x"] - point[0]) < 1e-3, "it is there")
 
 
 async def test_what_the_robot_has_said_of_a_point_is_kept_when_it_is_chosen(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+    operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await at_plan(operator)
-        await operator.press("up")
-        foresight, places = operator.app.foresight, list[Place]()
-        await operator.until(lambda: foresight.newest is not None and foresight.newest.answered, "the answer")
-        monkeypatch.setattr(operator.app, "ask_for", lambda _verb, place: places.append(place))
-        await operator.press("enter")
-        await operator.until(lambda: places == [Place("arm-1")], "it is chosen")
-        await operator.settled()
-        assert foresight.newest is not None
+    await at_plan(operator)
+    await operator.press("up")
+    foresight, places = operator.app.foresight, list[Place]()
+    await operator.until(lambda: foresight.newest is not None and foresight.newest.answered, "the answer")
+    monkeypatch.setattr(operator.app, "ask_for", lambda _verb, place: places.append(place))
+    await operator.press("enter")
+    await operator.until(lambda: places == [Place("arm-1")], "it is chosen")
+    await operator.settled()
+    assert foresight.newest is not None
 
 
 async def test_what_somebody_else_controls_is_refused_before_anybody_says_go(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        with sitting_at("pts/9"):
-            ben = await realm.realm_client.control("arm-1", "get")
-        await at_plan(operator)
-        await operator.press("up")
-        await operator.sees(f"{ben} has control of")
-        await operator.press("enter")
-        dialog = await operator.at(GoDialog)
-        await operator.until(lambda: dialog.query_one("#yes", Button).disabled, "it is refused")
-        with sitting_at("pts/9"):
-            way = await carry_out(realm.realm_client, GO, Silent())
-        assert isinstance(way, Outcome), "its holder may"
-        refused = await carry_out(realm.realm_client, GO, Silent())
-        assert isinstance(refused, Refusal)
-        assert isinstance(refused.error, HeldByOperator)
-        listed = await carry_out(realm.realm_client, Surface(Where.SCRIPT).parse(["ls"]), Silent())
-        assert isinstance(listed, Outcome)
-        assert {
-            one["name"] if "name" in one else one["address"]["name"]: one["control"] for one in listed.data
-        } == {
-            "arm-1": ben,
-            "rover-1": "",
-        }
-        assert "CONTROL" in listed.text
-        assert realm.arm.calls == []
+    with sitting_at("pts/9"):
+        ben = await realm.realm_client.control("arm-1", "get")
+    await at_plan(operator)
+    await operator.press("up")
+    await operator.sees(f"{ben} has control of")
+    await operator.press("enter")
+    dialog = await operator.at(GoDialog)
+    await operator.until(lambda: dialog.query_one("#yes", Button).disabled, "it is refused")
+    with sitting_at("pts/9"):
+        way = await carry_out(realm.realm_client, GO, Silent())
+    assert isinstance(way, Outcome), "its holder may"
+    refused = await carry_out(realm.realm_client, GO, Silent())
+    assert isinstance(refused, Refusal)
+    assert isinstance(refused.error, HeldByOperator)
+    listed = await carry_out(realm.realm_client, Surface(Where.SCRIPT).parse(["ls"]), Silent())
+    assert isinstance(listed, Outcome)
+    assert {
+        one["name"] if "name" in one else one["address"]["name"]: one["control"] for one in listed.data
+    } == {
+        "arm-1": ben,
+        "rover-1": "",
+    }
+    assert "CONTROL" in listed.text
+    assert realm.arm.calls == []
 
 
 async def test_a_named_point_has_the_height_and_the_twist_of_the_tool_and_a_wrong_name_can_be_mended(
@@ -149,97 +146,93 @@ async def test_places_say_of_which_controller_they_are_and_which_of_them_lead_no
 
 
 async def test_a_robot_goes_to_what_is_typed_angles_in_degrees_and_to_no_word(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await at_plan(operator)
-        await operator.press("G")
-        dialog = await operator.at(GoDialog)
-        dialog.query_one("#at-x", Input).value = "far"
-        way = dialog.query_one("#going-way", CachedText)
-        await operator.until(lambda: "'far' is not a number" in str(way.render()), "the complaint")
-        assert dialog.query_one("#yes", Button).disabled
-        await operator.press("escape")
-        assert realm.arm.calls == []
-        await operator.press("G")
-        dialog = await operator.at(GoDialog)
-        assert dialog.query_one("#at-twist", Input).value == "0.0"
-        dialog.query_one("#at-twist", Input).value = "45"
-        dialog.query_one("#at-x", Input).value = "0.3"
-        await operator.until(lambda: not dialog.query_one("#yes", Button).disabled, "it would go")
-        dialog.query_one("#yes", Button).focus()
-        await operator.press("enter")
-        await operator.until(lambda: abs(realm.arm.pose["twist"] - math.pi / 4) < 1e-3, "it turned")
-        await operator.sees("twist 45.0°")
+    await at_plan(operator)
+    await operator.press("G")
+    dialog = await operator.at(GoDialog)
+    dialog.query_one("#at-x", Input).value = "far"
+    way = dialog.query_one("#going-way", CachedText)
+    await operator.until(lambda: "'far' is not a number" in str(way.render()), "the complaint")
+    assert dialog.query_one("#yes", Button).disabled
+    await operator.press("escape")
+    assert realm.arm.calls == []
+    await operator.press("G")
+    dialog = await operator.at(GoDialog)
+    assert dialog.query_one("#at-twist", Input).value == "0.0"
+    dialog.query_one("#at-twist", Input).value = "45"
+    dialog.query_one("#at-x", Input).value = "0.3"
+    await operator.until(lambda: not dialog.query_one("#yes", Button).disabled, "it would go")
+    dialog.query_one("#yes", Button).focus()
+    await operator.press("enter")
+    await operator.until(lambda: abs(realm.arm.pose["twist"] - math.pi / 4) < 1e-3, "it turned")
+    await operator.sees("twist 45.0°")
 
 
 async def test_a_click_moves_the_cursor_a_click_on_it_chooses_and_a_point_of_the_robots_frame_gets_a_name(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+    operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        plan = await at_plan(operator)
-        await operator.click("#plan")
-        assert plan.cursor is not None
-        await operator.click("#plan")
-        await operator.at(GoDialog)
-        await operator.press("escape")
-        await operator.at(MainPage)
-        with monkeypatch.context() as elsewhere:
-            elsewhere.setattr(MainPage, "ground", "floor")
-            await operator.press("K")
-            await operator.sees("arm-1 moves in another frame, and the point is of floor")
+    plan = await at_plan(operator)
+    await operator.click("#plan")
+    assert plan.cursor is not None
+    await operator.click("#plan")
+    await operator.at(GoDialog)
+    await operator.press("escape")
+    await operator.at(MainPage)
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(MainPage, "ground", "floor")
         await operator.press("K")
-        await operator.at(NameDialog)
-        await operator.type("shelf")
-        await operator.press("enter")
-        await operator.sees("this realm keeps nothing, so it has no places")
+        await operator.sees("arm-1 moves in another frame, and the point is of floor")
+    await operator.press("K")
+    await operator.at(NameDialog)
+    await operator.type("shelf")
+    await operator.press("enter")
+    await operator.sees("this realm keeps nothing, so it has no places")
 
 
-async def test_a_point_in_a_picture_is_where_the_robot_goes(realm: Realm, operate: Operate) -> None:
+async def test_a_point_in_a_picture_is_where_the_robot_goes(realm: Realm, operator: Operator) -> None:
     """The camera is 1 m above x = 0.3 and sees 90 degrees: the middle of the picture is that point."""
-    async with operate(realm.realm_client) as operator:
-        await at_plan(operator)
-        await operator.press("v")
-        picture = operator.one(PointedPicture, "#pointed")
-        await operator.until(lambda: picture.lens is not None, "a picture with its camera")
-        picture.focus()
-        await operator.press("up")
-        assert picture.point == pytest.approx({"x": 0.3, "y": 0.0}, abs=1e-9)
-        await operator.press("up", "up", "right")
-        point, field = picture.point, picture.field
-        assert point is not None
-        assert point["y"] == pytest.approx(2 * 2 / field.height)
-        assert point["x"] == pytest.approx(0.3 + 2 * picture.aspect / field.width)
-        await operator.press("enter")
-        dialog = await operator.at(GoDialog)
-        dialog.query_one("#yes", Button).focus()
-        await operator.press("enter")
-        await operator.until(lambda: abs(realm.arm.pose["y"] - point["y"]) < 1e-3, "it is there")
+    await at_plan(operator)
+    await operator.press("v")
+    picture = operator.one(PointedPicture, "#pointed")
+    await operator.until(lambda: picture.lens is not None, "a picture with its camera")
+    picture.focus()
+    await operator.press("up")
+    assert picture.point == pytest.approx({"x": 0.3, "y": 0.0}, abs=1e-9)
+    await operator.press("up", "up", "right")
+    point, field = picture.point, picture.field
+    assert point is not None
+    assert point["y"] == pytest.approx(2 * 2 / field.height)
+    assert point["x"] == pytest.approx(0.3 + 2 * picture.aspect / field.width)
+    await operator.press("enter")
+    dialog = await operator.at(GoDialog)
+    dialog.query_one("#yes", Button).focus()
+    await operator.press("enter")
+    await operator.until(lambda: abs(realm.arm.pose["y"] - point["y"]) < 1e-3, "it is there")
 
 
 async def test_cameras_stand_side_by_side_and_an_arm_is_a_skeleton_where_pictures_are_too_much(
-    realm: Realm, operate: Operate
+    operator: Operator,
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.press("v")
-        picture = operator.one(PointedPicture, "#pointed")
-        await operator.until(lambda: picture.frames > 0, "a picture")
-        await operator.press("Y")
-        await operator.until(
-            lambda: (
-                {one.of for one in operator.app.screen.query(PointedPicture) if one.frames and one.seen}
-                == {("cell", "cell"), ("cell", "wrist")}
-            ),
-            "both cameras",
-        )
-        await operator.sees("cell / cell", "cell / wrist")
-        await operator.press("Y")
-        await operator.until(lambda: picture.seen, "one picture again")
-        await operator.press("l", "y")
-        await operator.sees("skeleton: from the left side", "◎tool")
-        assert not picture.seen, "nothing is fetched"
-        await operator.press("y")
-        await operator.until(lambda: picture.seen, "a picture again")
+    await operator.press("v")
+    picture = operator.one(PointedPicture, "#pointed")
+    await operator.until(lambda: picture.frames > 0, "a picture")
+    await operator.press("Y")
+    await operator.until(
+        lambda: (
+            {one.of for one in operator.app.screen.query(PointedPicture) if one.frames and one.seen}
+            == {("cell", "cell"), ("cell", "wrist")}
+        ),
+        "both cameras",
+    )
+    await operator.sees("cell / cell", "cell / wrist")
+    await operator.press("Y")
+    await operator.until(lambda: picture.seen, "one picture again")
+    await operator.press("l", "y")
+    await operator.sees("skeleton: from the left side", "◎tool")
+    assert not picture.seen, "nothing is fetched"
+    await operator.press("y")
+    await operator.until(lambda: picture.seen, "a picture again")
 
 
 @pytest.mark.parametrize(
@@ -251,16 +244,15 @@ async def test_cameras_stand_side_by_side_and_an_arm_is_a_skeleton_where_picture
     ids=["kitty", "sixel"],
 )
 async def test_a_picture_is_sent_in_pixels(
-    able: PictureAbility, sequence: str, realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+    able: PictureAbility, sequence: str, operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        operator.app.pictures = able
-        sent: list[str] = []
-        assert operator.app.driver is not None
-        monkeypatch.setattr(operator.app.driver, "write", sent.append)
-        await operator.press("v")
-        picture = operator.one(PointedPicture, "#pointed")
-        await operator.until(lambda: picture.frames > 0, "a picture")
-        await operator.until(lambda: any(re.search(sequence, each) for each in sent), "its pixels")
-        shown = sum(line.count(PLACEHOLDER) for line in operator.text.splitlines())
-        assert shown == (picture.field.area if able.graphics == "kitty" else 0)
+    operator.app.pictures = able
+    sent: list[str] = []
+    assert operator.app.driver is not None
+    monkeypatch.setattr(operator.app.driver, "write", sent.append)
+    await operator.press("v")
+    picture = operator.one(PointedPicture, "#pointed")
+    await operator.until(lambda: picture.frames > 0, "a picture")
+    await operator.until(lambda: any(re.search(sequence, each) for each in sent), "its pixels")
+    shown = sum(line.count(PLACEHOLDER) for line in operator.text.splitlines())
+    assert shown == (picture.field.area if able.graphics == "kitty" else 0)

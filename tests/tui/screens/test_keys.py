@@ -38,10 +38,6 @@ async def listed(operator: Operator, *names: str) -> None:
     await operator.until(lambda: operator.one(RobotTable).row_count == len(wanted), "the list")
 
 
-def page_of(operator: Operator) -> MainPage:
-    return operator.app.main
-
-
 @asynccontextmanager
 async def at_x(realm: Realm, operate: Operate) -> AsyncIterator[tuple[Operator, PanelPage]]:
     """Open the panel of the arm; the cursor is in field x of go_to."""
@@ -83,51 +79,47 @@ async def test_a_field_holds_what_was_typed_and_a_click_does_not_come_before_the
         assert realm.arm.pose["x"] == 0.4
 
 
-async def test_list_panel_and_form_follow_one_burst(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await listed(operator)
-        operator.burst(f"{TOP}{ENTER}{ENTER}{CTRL_U}0.3{BACKSPACE}4{TAB}{CTRL_U}0.1")
-        page = await operator.at(PanelPage)
-        await operator.until(lambda: texts(page)[:2] == ["0.4", "0.1"], "both fields")
+async def test_list_panel_and_form_follow_one_burst(operator: Operator) -> None:
+    await listed(operator)
+    operator.burst(f"{TOP}{ENTER}{ENTER}{CTRL_U}0.3{BACKSPACE}4{TAB}{CTRL_U}0.1")
+    page = await operator.at(PanelPage)
+    await operator.until(lambda: texts(page)[:2] == ["0.4", "0.1"], "both fields")
 
 
 async def test_a_verb_is_obeyed_as_it_was_typed_and_the_keys_after_it_are_keys(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await listed(operator)
-        operator.burst(f":call arm-1.go_to x=0.3{BACKSPACE}5 y=0 z=0.3 twist=0{ENTER}g:tre{TAB}{BACKSPACE}x")
-        await operator.until(lambda: operator.one(Input, "#line").value == "trex", "what was typed last")
-        await operator.until(lambda: realm.arm.pose["x"] == 0.5, "the arm is there")
-        assert page_of(operator).pane == "log"
-        assert operator.app.store.stopped == (), "a space that is typed at the prompt stops nobody"
+    await listed(operator)
+    operator.burst(f":call arm-1.go_to x=0.3{BACKSPACE}5 y=0 z=0.3 twist=0{ENTER}g:tre{TAB}{BACKSPACE}x")
+    await operator.until(lambda: operator.one(Input, "#line").value == "trex", "what was typed last")
+    await operator.until(lambda: realm.arm.pose["x"] == 0.5, "the arm is there")
+    assert operator.app.main.pane == "log"
+    assert operator.app.store.stopped == (), "a space that is typed at the prompt stops nobody"
 
 
-async def test_a_filter_has_the_letters_that_were_left_over(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await listed(operator)
-        operator.burst(f"/arx{BACKSPACE * 2}{CTRL_U}rovee{BACKSPACE}r{ENTER}")
-        await operator.until(lambda: operator.one(Prompt).letters == "rover", "the filter")
-        operator.burst(f"/{BACKSPACE * 5}arm{ENTER}v")
-        await operator.until(lambda: page_of(operator).pane == "views", "the views")
-        assert not operator.one(Prompt).letters, "each pane has a filter of its own"
-        operator.burst("l")
-        await operator.until(lambda: page_of(operator).pane == "robots", "the robots")
-        assert operator.one(Prompt).letters == "arm"
+async def test_a_filter_has_the_letters_that_were_left_over(operator: Operator) -> None:
+    await listed(operator)
+    operator.burst(f"/arx{BACKSPACE * 2}{CTRL_U}rovee{BACKSPACE}r{ENTER}")
+    await operator.until(lambda: operator.one(Prompt).letters == "rover", "the filter")
+    operator.burst(f"/{BACKSPACE * 5}arm{ENTER}v")
+    await operator.until(lambda: operator.app.main.pane == "views", "the views")
+    assert not operator.one(Prompt).letters, "each pane has a filter of its own"
+    operator.burst("l")
+    await operator.until(lambda: operator.app.main.pane == "robots", "the robots")
+    assert operator.one(Prompt).letters == "arm"
 
 
 async def test_a_dialog_is_answered_by_the_keys_that_came_after_its_own(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.realm_client) as operator:
-        await listed(operator, "mover")
-        operator.burst(f"{TOP}{DOWN}d{ENTER}:d{BACKSPACE}show mover{ENTER}")
-        await operator.at(Reading)
-        assert "mover" in operator.app.store.robots, "Enter came upon Cancel"
-        operator.burst(f"q{TOP}{DOWN}d{RIGHT}{ENTER}/m{BACKSPACE}r")
-        await operator.until(lambda: "mover" not in operator.app.store.robots, "it is deleted")
-        await operator.until(lambda: operator.one(Prompt).letters == "r", "the filter")
+    await listed(operator, "mover")
+    operator.burst(f"{TOP}{DOWN}d{ENTER}:d{BACKSPACE}show mover{ENTER}")
+    await operator.at(Reading)
+    assert "mover" in operator.app.store.robots, "Enter came upon Cancel"
+    operator.burst(f"q{TOP}{DOWN}d{RIGHT}{ENTER}/m{BACKSPACE}r")
+    await operator.until(lambda: "mover" not in operator.app.store.robots, "it is deleted")
+    await operator.until(lambda: operator.one(Prompt).letters == "r", "the filter")
 
 
 async def test_the_stop_overtakes_every_key(realm: Realm, operate: Operate) -> None:
@@ -147,25 +139,24 @@ async def test_the_stop_overtakes_every_key(realm: Realm, operate: Operate) -> N
 
 
 async def test_a_flood_of_keys_is_bounded_and_the_stop_is_obeyed_in_it(
-    realm: Realm, operate: Operate, caplog: pytest.LogCaptureFixture
+    operator: Operator, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await listed(operator)
-        app, asked = operator.app, list[int]()
-        ask_for = app.ask_for
-        app.ask_for = lambda *_: asked.append(len(app._held))  # type: ignore[method-assign]
-        operator.burst("\0" * 2000)
-        operator.burst(" " * 1000)
-        await operator.until(lambda: bool(asked), "the stop")
-        assert len(app._held) <= key_guard.MOST
-        await operator.until(lambda: not app.keys_wait, "the rest")
-        assert len(asked) <= key_guard.MOST
-        assert caplog.text.count("are dropped until") == 1
-        app.ask_for = ask_for  # type: ignore[method-assign]
-        operator.burst(f":\x1b[200~{'paste' * 2000}\x1b[201~")
-        await operator.until(lambda: len(operator.one(Input, "#line").value) == 10_000, "the paste")
-        operator.burst("x")
-        await operator.until(lambda: len(operator.one(Input, "#line").value) == 10_001, "a key after it")
+    await listed(operator)
+    app, asked = operator.app, list[int]()
+    ask_for = app.ask_for
+    app.ask_for = lambda *_: asked.append(len(app._held))  # type: ignore[method-assign]
+    operator.burst("\0" * 2000)
+    operator.burst(" " * 1000)
+    await operator.until(lambda: bool(asked), "the stop")
+    assert len(app._held) <= key_guard.MOST
+    await operator.until(lambda: not app.keys_wait, "the rest")
+    assert len(asked) <= key_guard.MOST
+    assert caplog.text.count("are dropped until") == 1
+    app.ask_for = ask_for  # type: ignore[method-assign]
+    operator.burst(f":\x1b[200~{'paste' * 2000}\x1b[201~")
+    await operator.until(lambda: len(operator.one(Input, "#line").value) == 10_000, "the paste")
+    operator.burst("x")
+    await operator.until(lambda: len(operator.one(Input, "#line").value) == 10_001, "a key after it")
 
 
 async def test_a_queue_that_ended_with_a_key_in_it_does_not_keep_the_others(
@@ -181,7 +172,7 @@ async def test_a_queue_that_ended_with_a_key_in_it_does_not_keep_the_others(
 
         monkeypatch.setattr(table, "call_later", lose)
         operator.burst("gv")
-        await operator.until(lambda: page_of(operator).pane == "views", "the second key")
+        await operator.until(lambda: operator.app.main.pane == "views", "the second key")
 
 
 SIGHT = 0.5
@@ -211,70 +202,61 @@ async def dealt_with(operator: Operator) -> None:
 
 
 @pytest.mark.usefixtures("slow")
-async def test_a_text_that_comes_by_itself_takes_no_key_typed_before_it_was_seen(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await described(operator)
-        came = operator.app._seen - SIGHT
-        operator.burst(f"{ENTER}{ESCAPE}", at=came + 0.9 * SIGHT)
-        operator.burst(ENTER, at=came - 1.0)  # kept waiting by a busy machine
-        await dealt_with(operator)
-        assert operator.app.screen is page
-        operator.burst(ENTER, at=operator.app._seen)
-        await operator.at(MainPage)
+async def test_a_text_that_comes_by_itself_takes_no_key_typed_before_it_was_seen(operator: Operator) -> None:
+    page = await described(operator)
+    came = operator.app._seen - SIGHT
+    operator.burst(f"{ENTER}{ESCAPE}", at=came + 0.9 * SIGHT)
+    operator.burst(ENTER, at=came - 1.0)  # kept waiting by a busy machine
+    await dealt_with(operator)
+    assert operator.app.screen is page
+    operator.burst(ENTER, at=operator.app._seen)
+    await operator.at(MainPage)
 
 
 @pytest.mark.usefixtures("slow")
-async def test_a_text_that_comes_while_one_types_waits_for_the_end_of_it(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.press("slash")
-        await operator.until(lambda: isinstance(operator.app.focused, Input), "the line")
-        page = await described(operator)
-        came = operator.app._seen - SIGHT
-        for step in range(10):
-            operator.burst("q n ", at=came + 0.8 * SIGHT * step)
-        await dealt_with(operator)
-        assert operator.app.screen is page
-        assert operator.app.store.stopped == (), "a space was a letter"
-        assert operator.app._seen > came + 0.8 * SIGHT * 10
-        operator.burst("q", at=operator.app._seen)
-        await operator.at(MainPage)
-        assert operator.one(Prompt).letters == ""
+async def test_a_text_that_comes_while_one_types_waits_for_the_end_of_it(operator: Operator) -> None:
+    await operator.press("slash")
+    await operator.until(lambda: isinstance(operator.app.focused, Input), "the line")
+    page = await described(operator)
+    came = operator.app._seen - SIGHT
+    for step in range(10):
+        operator.burst("q n ", at=came + 0.8 * SIGHT * step)
+    await dealt_with(operator)
+    assert operator.app.screen is page
+    assert operator.app.store.stopped == (), "a space was a letter"
+    assert operator.app._seen > came + 0.8 * SIGHT * 10
+    operator.burst("q", at=operator.app._seen)
+    await operator.at(MainPage)
+    assert operator.one(Prompt).letters == ""
 
 
 @pytest.mark.usefixtures("slow")
 @pytest.mark.parametrize("key", [" ", CTRL_S], ids=["space", "ctrl+s"])
-async def test_the_stop_waits_for_no_look(realm: Realm, operate: Operate, key: str) -> None:
-    async with operate(realm.realm_client) as operator:
-        await described(operator)
-        operator.burst(key, at=operator.app._seen - SIGHT)
-        await operator.until(lambda: len(operator.app.store.stopped) == 2, "all are stopped")
+async def test_the_stop_waits_for_no_look(operator: Operator, key: str) -> None:
+    await described(operator)
+    operator.burst(key, at=operator.app._seen - SIGHT)
+    await operator.until(lambda: len(operator.app.store.stopped) == 2, "all are stopped")
 
 
 @pytest.mark.usefixtures("slow")
-async def test_a_dialog_that_a_key_opened_takes_keys_at_once(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.press("question_mark")
-        await operator.at(Reading)
-        await operator.press("q")
-        assert await operator.at(MainPage) is operator.app.main
+async def test_a_dialog_that_a_key_opened_takes_keys_at_once(operator: Operator) -> None:
+    await operator.press("question_mark")
+    await operator.at(Reading)
+    await operator.press("q")
+    assert await operator.at(MainPage) is operator.app.main
 
 
 @pytest.mark.usefixtures("slow")
 async def test_the_answer_to_a_question_that_has_closed_is_no_key_of_the_page_beneath(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await realm.realm_client.stop(None)
-        await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
-        await operator.press("R")
-        await operator.at(Confirm)
-        await realm.realm_client.resume(None)
-        page = await operator.at(MainPage)
-        came = operator.app._seen - SIGHT
-        operator.burst(f"n{ENTER}", at=came + 0.9 * SIGHT)
-        await dealt_with(operator)
-        assert operator.app.screen is page
+    await realm.realm_client.stop(None)
+    await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
+    await operator.press("R")
+    await operator.at(Confirm)
+    await realm.realm_client.resume(None)
+    page = await operator.at(MainPage)
+    came = operator.app._seen - SIGHT
+    operator.burst(f"n{ENTER}", at=came + 0.9 * SIGHT)
+    await dealt_with(operator)
+    assert operator.app.screen is page

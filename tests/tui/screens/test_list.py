@@ -28,7 +28,7 @@ from tests.tui.conftest import EXAMPLES
 from tests.tui.screens.test_panel_page import open_panel
 
 if TYPE_CHECKING:
-    from screens.conftest import Operate
+    from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
 
@@ -71,29 +71,28 @@ async def carts(realm: Realm, tmp_path: Path) -> list[Cart]:
 
 
 async def test_a_group_is_a_line_of_the_list_and_each_member_answers(
-    realm: Realm, carts: list[Cart], operate: Operate
+    carts: list[Cart], operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.select("carts")
-        await operator.sees("carts", "group of 2", "2 free", "c1, c2")
-        await operator.press("enter")
-        await operator.until(lambda: isinstance(operator.app.screen, GroupPanel), "its panel")
-        await operator.sees("carts / group", "load", "members")
-        assert not operator.app.screen.query(SidePane), "a group has no branch and no camera"
-        commands = operator.one(OptionList, "#commands")
-        named = [str(commands.get_option_at_index(i).prompt) for i in range(commands.option_count)]
-        assert "load" in named
-        assert "tip" not in named, "only what all of them can do"
-        commands.highlighted = named.index("load")
-        await operator.press("enter")
-        await operator.type("50")
-        await operator.press("ctrl+r")
-        await operator.sees("1 of 2 robots did not do it: c2: ", "✓ 50", "✗")
-        assert carts[0].loaded == 50.0
-        await operator.press("ctrl+l", "exclamation_mark")
-        await operator.until(lambda: all(cart.stopped_by for cart in carts), "both are stopped")
-        await operator.press("escape")
-        await operator.sees("2 stopped")
+    await operator.select("carts")
+    await operator.sees("carts", "group of 2", "2 free", "c1, c2")
+    await operator.press("enter")
+    await operator.until(lambda: isinstance(operator.app.screen, GroupPanel), "its panel")
+    await operator.sees("carts / group", "load", "members")
+    assert not operator.app.screen.query(SidePane), "a group has no branch and no camera"
+    commands = operator.one(OptionList, "#commands")
+    named = [str(commands.get_option_at_index(i).prompt) for i in range(commands.option_count)]
+    assert "load" in named
+    assert "tip" not in named, "only what all of them can do"
+    commands.highlighted = named.index("load")
+    await operator.press("enter")
+    await operator.type("50")
+    await operator.press("ctrl+r")
+    await operator.sees("1 of 2 robots did not do it: c2: ", "✓ 50", "✗")
+    assert carts[0].loaded == 50.0
+    await operator.press("ctrl+l", "exclamation_mark")
+    await operator.until(lambda: all(cart.stopped_by for cart in carts), "both are stopped")
+    await operator.press("escape")
+    await operator.sees("2 stopped")
 
 
 async def test_what_concerns_one_robot_is_refused_for_a_group_and_its_name_can_go(
@@ -215,77 +214,70 @@ async def test_the_death_of_an_enslaved_robots_process_is_told_once_and_its_hang
 
 
 async def test_a_robot_that_would_be_better_off_elsewhere_is_marked_and_a_key_carries_that_out(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
     host = await realm.host("host-9")
     await realm.realm_client.create(str(EXAMPLES / "move_to.py"), "mover", "host-9")
     runtime = host.agents["mover"].runtime
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
-        operator.app.choose("mover")
-        await operator.press("f")
-        await operator.at(Choosing)
-        await operator.sees("mover is on", "nobody has looked yet", "manual", "people alone move it (now)")
-        await operator.press("down", "enter")
-        await operator.at(MainPage)
-        await operator.until(lambda: runtime.placement == "advise", "it is placed by advice")
-        runtime.advice, runtime.advised = "host-2 is nearer than host-1", "host-2"
-        runtime.changed()
-        await operator.sees("better off on host-2")
-        await operator.until(
-            lambda: operator.app.store.descriptions["mover"].advice == runtime.advice, "the advice"
-        )
-        await operator.press("f")
-        await operator.at(Choosing)
-        await operator.sees(
-            "host-2 is nearer than host-1", "move to host-2 now", "where it would be better off (now)"
-        )
-        await operator.press("enter")
-        await operator.at(MainPage)
-        await operator.sees(
-            "no host named 'host-2' is running"
-        )  # it was obeyed: only the host is missing here
-        operator.app.choose("arm-1")
-        await operator.press("f")
-        await operator.sees("arm-1 is a proxy, and stays where its controller is")
+    await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
+    operator.app.choose("mover")
+    await operator.press("f")
+    await operator.at(Choosing)
+    await operator.sees("mover is on", "nobody has looked yet", "manual", "people alone move it (now)")
+    await operator.press("down", "enter")
+    await operator.at(MainPage)
+    await operator.until(lambda: runtime.placement == "advise", "it is placed by advice")
+    runtime.advice, runtime.advised = "host-2 is nearer than host-1", "host-2"
+    runtime.changed()
+    await operator.sees("better off on host-2")
+    await operator.until(
+        lambda: operator.app.store.descriptions["mover"].advice == runtime.advice, "the advice"
+    )
+    await operator.press("f")
+    await operator.at(Choosing)
+    await operator.sees(
+        "host-2 is nearer than host-1", "move to host-2 now", "where it would be better off (now)"
+    )
+    await operator.press("enter")
+    await operator.at(MainPage)
+    await operator.sees("no host named 'host-2' is running")  # it was obeyed: only the host is missing here
+    operator.app.choose("arm-1")
+    await operator.press("f")
+    await operator.sees("arm-1 is a proxy, and stays where its controller is")
 
 
-async def test_the_help_shows_only_what_is_searched_for_until_escape(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.press("question_mark")
-        await operator.at(Reading)
-        await operator.sees("stops every robot at once")
-        await operator.type("/palette")
-        await operator.sees("Palette: everything by name")
-        await operator.until(lambda: "stops every robot at once" not in operator.text, "the rest is left out")
-        await operator.type("x")
-        await operator.sees("nothing found")
-        await operator.press("escape")
-        await operator.sees("stops every robot at once")
-        await operator.press("escape")
-        await operator.at(MainPage)
+async def test_the_help_shows_only_what_is_searched_for_until_escape(operator: Operator) -> None:
+    await operator.press("question_mark")
+    await operator.at(Reading)
+    await operator.sees("stops every robot at once")
+    await operator.type("/palette")
+    await operator.sees("Palette: everything by name")
+    await operator.until(lambda: "stops every robot at once" not in operator.text, "the rest is left out")
+    await operator.type("x")
+    await operator.sees("nothing found")
+    await operator.press("escape")
+    await operator.sees("stops every robot at once")
+    await operator.press("escape")
+    await operator.at(MainPage)
 
 
 async def test_a_panel_has_its_keys_first_in_the_help_and_another_robot_is_found_in_the_palette(
-    realm: Realm, operate: Operate
+    operator: Operator,
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await open_panel(operator, "arm-1")
-        await operator.press("f1")
-        await operator.at(Reading)
-        await operator.until(
-            lambda: (
-                operator.text.find("In the panel of a robot")
-                < operator.text.find("On every page") % (len(operator.text) + 1)
-            ),
-            "its keys come first",
-        )
-        await operator.press("escape")
-        await operator.at(PanelPage)
-        found = [
-            one for one in operator.app.get_system_commands(operator.app.screen) if "rover-1" in one.title
-        ]
-        assert [command.title for command in found] == ["Robot: rover-1"]
-        found[0].callback()
-        await operator.at(MainPage)
-        await operator.until(lambda: operator.app.selection.name == "rover-1", "it is selected")
+    await open_panel(operator, "arm-1")
+    await operator.press("f1")
+    await operator.at(Reading)
+    await operator.until(
+        lambda: (
+            operator.text.find("In the panel of a robot")
+            < operator.text.find("On every page") % (len(operator.text) + 1)
+        ),
+        "its keys come first",
+    )
+    await operator.press("escape")
+    await operator.at(PanelPage)
+    found = [one for one in operator.app.get_system_commands(operator.app.screen) if "rover-1" in one.title]
+    assert [command.title for command in found] == ["Robot: rover-1"]
+    found[0].callback()
+    await operator.at(MainPage)
+    await operator.until(lambda: operator.app.selection.name == "rover-1", "it is selected")

@@ -17,6 +17,7 @@ from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.screen.pages.help import help_text
 from robotree.tui.screen.pages.main import MainPage
 from robotree.tui.screen.pages.teleop import TeleopPage
+from robotree.tui.screen.pages.where import WherePage
 from robotree.tui.seen.selection import Place
 
 if TYPE_CHECKING:
@@ -172,7 +173,7 @@ async def test_the_keys_can_be_drawn_while_a_page_is_on_its_way_out(realm: Realm
         operator.app.exit(0)
 
 
-async def test_the_plan_of_who_may_only_look_offers_nothing_and_says_why(
+async def test_plan_and_page_of_who_may_only_look_offer_nothing_and_say_why(
     realm: Realm, operate: Operate
 ) -> None:
     async with operate(realm.realm_client, readonly=True) as operator:
@@ -191,3 +192,11 @@ async def test_the_plan_of_who_may_only_look_offers_nothing_and_says_why(
             await operator.press(key)
             told = [entry.text for entry in list(operator.app.store.entries)[before:]]
             assert any(f"no verb {verb!r}: this is read-only" in text for text in told), (key, told)
+        await operator.press("l", "z")
+        page = await operator.at(WherePage)
+        await operator.sees(
+            "arm-1 has carried nothing out yet", "no page: it is a proxy", "no call of a child"
+        )
+        assert not page.check_action("verb", ("pause",))
+        await operator.press("b")
+        assert not operator.app.store.descriptions["arm-1"].paused

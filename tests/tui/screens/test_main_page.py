@@ -75,118 +75,113 @@ async def test_a_cursor_key_draws_two_lines_before_anything_else(
 
 
 async def test_enslaving_from_the_child_offers_the_slots_that_take_it_and_what_cannot_be_is_not_asked(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "mover" in operator.app.store.descriptions)
-        await operator.sees("mover")
-        assert operator.one(RobotTable).selected == "arm-1"
-        await operator.press("e")
-        await operator.at(EnslaveDialog)
-        await operator.press("escape")
-        await operator.at(MainPage)
-        for key, refusal in (
-            ("d", "arm-1 stands for a robot: end its proxy"),
-            ("r", "arm-1 has no child"),
-            ("R", "no robot is in protective stop"),
-        ):
-            await operator.press(key)
-            await operator.sees(refusal)
-        await operator.press("down", "down", "e")
-        await operator.sees("rover-1 has no empty slot and none waits for it")
+    await operator.until(lambda: "mover" in operator.app.store.descriptions)
+    await operator.sees("mover")
+    assert operator.one(RobotTable).selected == "arm-1"
+    await operator.press("e")
+    await operator.at(EnslaveDialog)
+    await operator.press("escape")
+    await operator.at(MainPage)
+    for key, refusal in (
+        ("d", "arm-1 stands for a robot: end its proxy"),
+        ("r", "arm-1 has no child"),
+        ("R", "no robot is in protective stop"),
+    ):
+        await operator.press(key)
+        await operator.sees(refusal)
+    await operator.press("down", "down", "e")
+    await operator.sees("rover-1 has no empty slot and none waits for it")
 
 
 async def test_space_stops_everything_on_every_page_but_is_a_space_while_typing(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
-        await operator.press("colon", "a", "space", "b")
-        assert operator.one(Input, "#line").value == "a b"
-        assert operator.app.store.stopped == ()
-        await operator.press("ctrl+s")
-        await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
-        await operator.press("escape", "R")
-        await operator.at(Confirm)
-        await operator.press("right", "enter")
-        await operator.until(lambda: operator.app.store.stopped == (), "the stop is released")
-        for keys in (["enter"], ["x"], ["escape", "escape", "v"], ["question_mark"]):
-            await operator.press(*keys, "space")
-            await operator.until(lambda: len(operator.app.store.stopped) == 2, f"stop after {keys}")
-            await realm.realm_client.resume(None)
-            await operator.until(lambda: operator.app.store.stopped == (), "released")
+    await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+    await operator.press("colon", "a", "space", "b")
+    assert operator.one(Input, "#line").value == "a b"
+    assert operator.app.store.stopped == ()
+    await operator.press("ctrl+s")
+    await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
+    await operator.press("escape", "R")
+    await operator.at(Confirm)
+    await operator.press("right", "enter")
+    await operator.until(lambda: operator.app.store.stopped == (), "the stop is released")
+    for keys in (["enter"], ["x"], ["escape", "escape", "v"], ["question_mark"]):
+        await operator.press(*keys, "space")
+        await operator.until(lambda: len(operator.app.store.stopped) == 2, f"stop after {keys}")
+        await realm.realm_client.resume(None)
+        await operator.until(lambda: operator.app.store.stopped == (), "released")
 
 
-async def test_verbs_are_typed_at_the_prompt_as_on_the_command_line(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.obey("call arm-1.go_to x=0.5 y=0 z=0.3 twist=0")
-        await operator.sees(f"✓ arm-1: go_to by {ME} is done: ran")
-        assert realm.arm.pose["x"] == pytest.approx(0.5)
-        await operator.obey("show arm-1")
-        await operator.at(Reading)
-        await operator.sees("kinds", "Arm < Robot", "get_info()")
-        await operator.press("escape")
-        await operator.obey("tree")
-        await operator.press("escape")
-        await operator.obey("enslav a.b c")
-        await operator.sees("did you mean enslave")
-        await operator.obey("call arm-1.stumble")
-        await operator.sees("a stone [/x] lay there")
-        await operator.obey("views")
-        await operator.sees("cell / wrist")
-        await operator.obey("delete rover-1")
-        await operator.at(Confirm)
+async def test_verbs_are_typed_at_the_prompt_as_on_the_command_line(realm: Realm, operator: Operator) -> None:
+    await operator.obey("call arm-1.go_to x=0.5 y=0 z=0.3 twist=0")
+    await operator.sees(f"✓ arm-1: go_to by {ME} is done: ran")
+    assert realm.arm.pose["x"] == pytest.approx(0.5)
+    await operator.obey("show arm-1")
+    await operator.at(Reading)
+    await operator.sees("kinds", "Arm < Robot", "get_info()")
+    await operator.press("escape")
+    await operator.obey("tree")
+    await operator.press("escape")
+    await operator.obey("enslav a.b c")
+    await operator.sees("did you mean enslave")
+    await operator.obey("call arm-1.stumble")
+    await operator.sees("a stone [/x] lay there")
+    await operator.obey("views")
+    await operator.sees("cell / wrist")
+    await operator.obey("delete rover-1")
+    await operator.at(Confirm)
 
 
 async def test_the_prompt_completes_remembers_and_tab_goes_through_what_a_word_may_become(
-    realm: Realm, operate: Operate
+    operator: Operator,
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
-        await operator.press("colon")
-        await operator.type("call arm-1.sho")
-        await operator.until(lambda: operator.one(Input, "#line")._suggestion != "", "a suggestion")
+    await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
+    await operator.press("colon")
+    await operator.type("call arm-1.sho")
+    await operator.until(lambda: operator.one(Input, "#line")._suggestion != "", "a suggestion")
+    await operator.press("tab")
+    assert operator.one(Input, "#line").value == "call arm-1.shout"
+    await operator.type(" text=hello")
+    await operator.press("enter")
+    await operator.sees("hello")
+    await operator.press("colon", "up")
+    assert operator.one(Input, "#line").value == "call arm-1.shout text=hello"
+    await operator.press("escape", "colon")
+    await operator.type("call arm-1.s")
+    line = operator.one(Input, "#line")
+    await operator.sees("arm-1.shout", "arm-1.stumble")
+    seen: list[str] = []
+    for _ in range(3):
         await operator.press("tab")
-        assert operator.one(Input, "#line").value == "call arm-1.shout"
-        await operator.type(" text=hello")
-        await operator.press("enter")
-        await operator.sees("hello")
-        await operator.press("colon", "up")
-        assert operator.one(Input, "#line").value == "call arm-1.shout text=hello"
-        await operator.press("escape", "colon")
-        await operator.type("call arm-1.s")
-        line = operator.one(Input, "#line")
-        await operator.sees("arm-1.shout", "arm-1.stumble")
-        seen: list[str] = []
-        for _ in range(3):
-            await operator.press("tab")
-            seen.append(line.value)
-        assert seen[0] == seen[2]
-        assert set(seen) == {"call arm-1.shout", "call arm-1.stumble"}
-        await operator.press("shift+tab")
-        assert line.value == seen[1]
-        await operator.type(" ")
-        await operator.press("escape", "colon")
-        assert line.value == ""
+        seen.append(line.value)
+    assert seen[0] == seen[2]
+    assert set(seen) == {"call arm-1.shout", "call arm-1.stumble"}
+    await operator.press("shift+tab")
+    assert line.value == seen[1]
+    await operator.type(" ")
+    await operator.press("escape", "colon")
+    assert line.value == ""
 
 
-async def test_the_cursor_returns_to_the_robot_that_a_filter_hid(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: {"arm-1", "rover-1"} <= operator.app.store.descriptions.keys())
-        table = operator.one(RobotTable)
-        await operator.press("ctrl+end")
-        assert table.selected == "rover-1"
-        await operator.press("slash")
-        await operator.type("stumble")
-        await operator.until(lambda: table.selected == "arm-1", "the arm, by what its commands are called")
-        assert table.row_count == 1
-        await operator.press("escape")
-        await operator.until(lambda: table.row_count == 2, "the filter has gone")
-        assert table.selected == "rover-1"
-        await realm.robot(Robot("aaa-1"))
-        await operator.until(lambda: table.row_count == 3, "another robot")
-        assert table.selected == "rover-1"
+async def test_the_cursor_returns_to_the_robot_that_a_filter_hid(realm: Realm, operator: Operator) -> None:
+    await operator.until(lambda: {"arm-1", "rover-1"} <= operator.app.store.descriptions.keys())
+    table = operator.one(RobotTable)
+    await operator.press("ctrl+end")
+    assert table.selected == "rover-1"
+    await operator.press("slash")
+    await operator.type("stumble")
+    await operator.until(lambda: table.selected == "arm-1", "the arm, by what its commands are called")
+    assert table.row_count == 1
+    await operator.press("escape")
+    await operator.until(lambda: table.row_count == 2, "the filter has gone")
+    assert table.selected == "rover-1"
+    await realm.robot(Robot("aaa-1"))
+    await operator.until(lambda: table.row_count == 3, "another robot")
+    assert table.selected == "rover-1"
 
 
 async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: Operate) -> None:
@@ -202,23 +197,22 @@ async def test_who_leaves_the_demo_is_told_that_it_ends(realm: Realm, operate: O
 
 
 async def test_the_others_hear_which_part_is_in_front_and_pictures_are_live_only_while_they_are_looked_at(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        told = [words_of(operator.app.screen)]
-        for key in ("F", "g", "l", "v"):
-            await operator.press(key)
-            told.append(words_of(operator.app.screen))
-        assert told == ["the list", "the plan", "the log", "the list", "the views"]
-        await operator.sees("cell / cell", "cell / wrist", "lever", "peak_force 6.5 N", "▀▀▀▀")
-        await operator.press("down")
-        await operator.until(lambda: "wrist" in realm.cell.looks, "the other camera")
-        await operator.press("l")
-        await operator.until(lambda: isinstance(operator.app.focused, RobotTable))
-        looks = len(realm.cell.looks)
-        await operator.press("g")
-        await asyncio.sleep(0.6)
-        assert len(realm.cell.looks) <= looks + 1, "nobody looks, nobody draws"
+    told = [words_of(operator.app.screen)]
+    for key in ("F", "g", "l", "v"):
+        await operator.press(key)
+        told.append(words_of(operator.app.screen))
+    assert told == ["the list", "the plan", "the log", "the list", "the views"]
+    await operator.sees("cell / cell", "cell / wrist", "lever", "peak_force 6.5 N", "▀▀▀▀")
+    await operator.press("down")
+    await operator.until(lambda: "wrist" in realm.cell.looks, "the other camera")
+    await operator.press("l")
+    await operator.until(lambda: isinstance(operator.app.focused, RobotTable))
+    looks = len(realm.cell.looks)
+    await operator.press("g")
+    await asyncio.sleep(0.6)
+    assert len(realm.cell.looks) <= looks + 1, "nobody looks, nobody draws"
 
 
 async def test_an_empty_realm_says_how_to_fill_it(operate: Operate) -> None:
@@ -299,35 +293,34 @@ async def test_the_help_is_in_every_footer_and_opens_while_one_types(realm: Real
 
 
 async def test_control_that_changes_hands_is_told_once_and_taken_after_a_plain_question(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        app = operator.app
-        app.store.me = ME  # as the realm in memory has it
-        with sitting_at("pts/9"):
-            ben = await realm.realm_client.control("arm-1", "get")
-        await operator.until(lambda: app.store.by("arm-1") == ben, "somebody else has it")
-        app.choose("arm-1")
-        await operator.obey("say hello")
-        await operator.press("4")
-        await operator.sees("Take control of arm-1?", f"{ben} has control, and loses it", "Take control")
-        app.screen.query_one("#yes", Button).focus()
-        await operator.press("enter")
-        await operator.sees("you have control of arm-1")
-        await operator.press("6")
-        await operator.at(Reading)  # a key that comes before that is meant for the page before
-        await operator.sees("CONTROL", "ROBOT")
-        await operator.press("escape")
-        await operator.at(MainPage)
-        await operator.obey("control leave arm-1")
-        await operator.sees("nobody has control of arm-1")
-        said = [entry.text for entry in app.store.entries]
-        assert "" not in said
-        about_me = [text for text in said if ME in text or "you have control" in text]
-        assert about_me == [
-            "you have control of arm-1",
-            f"nobody has control of arm-1: {ME} gave it up, or is gone",
-        ]
+    app = operator.app
+    app.store.me = ME  # as the realm in memory has it
+    with sitting_at("pts/9"):
+        ben = await realm.realm_client.control("arm-1", "get")
+    await operator.until(lambda: app.store.by("arm-1") == ben, "somebody else has it")
+    app.choose("arm-1")
+    await operator.obey("say hello")
+    await operator.press("4")
+    await operator.sees("Take control of arm-1?", f"{ben} has control, and loses it", "Take control")
+    app.screen.query_one("#yes", Button).focus()
+    await operator.press("enter")
+    await operator.sees("you have control of arm-1")
+    await operator.press("6")
+    await operator.at(Reading)  # a key that comes before that is meant for the page before
+    await operator.sees("CONTROL", "ROBOT")
+    await operator.press("escape")
+    await operator.at(MainPage)
+    await operator.obey("control leave arm-1")
+    await operator.sees("nobody has control of arm-1")
+    said = [entry.text for entry in app.store.entries]
+    assert "" not in said
+    about_me = [text for text in said if ME in text or "you have control" in text]
+    assert about_me == [
+        "you have control of arm-1",
+        f"nobody has control of arm-1: {ME} gave it up, or is gone",
+    ]
 
 
 def log_lines(operator: Operator) -> str:
@@ -337,53 +330,49 @@ def log_lines(operator: Operator) -> str:
 
 
 @pytest.mark.usefixtures("every_frame")
-async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        for number in range(80):
-            operator.app.tell(f"event {number}")
-        await operator.press("g")
-        await operator.sees("event 79")
-        await operator.press("l")
-        await operator.resize(100, 20)
-        for number in range(20):
-            operator.app.tell(f"later {number}")
-        operator.app.main.draw()
-        await operator.press("g")
-        await operator.until(lambda: "later 19" in log_lines(operator), "the end")
-        await operator.press("home")
-        await operator.until(lambda: "event 0" in log_lines(operator), "the beginning")
-        operator.app.tell("another one")
-        await operator.press("l")
-        await operator.resize(100, 24)
-        await operator.press("g")
-        await operator.until(lambda: "event 3" in log_lines(operator), "what was read")
-        await operator.press("end")
-        await operator.until(lambda: "another one" in log_lines(operator), "the end")
-        operator.app.tell("the last")
-        await operator.until(lambda: "the last" in log_lines(operator), "what comes then")
-        await operator.press("down")
-        operator.app.tell("the next")
-        operator.app.progress(0.5, "3 cm to go")  # of a typed command: the list shows it, not the log
-        await operator.until(lambda: "the next" in log_lines(operator), "who is at the end follows on")
-        assert operator.app.store.entries[-1].text == "the next"
+async def test_the_log_opens_at_its_newest_line_unless_somebody_scrolled_up(operator: Operator) -> None:
+    for number in range(80):
+        operator.app.tell(f"event {number}")
+    await operator.press("g")
+    await operator.sees("event 79")
+    await operator.press("l")
+    await operator.resize(100, 20)
+    for number in range(20):
+        operator.app.tell(f"later {number}")
+    operator.app.main.draw()
+    await operator.press("g")
+    await operator.until(lambda: "later 19" in log_lines(operator), "the end")
+    await operator.press("home")
+    await operator.until(lambda: "event 0" in log_lines(operator), "the beginning")
+    operator.app.tell("another one")
+    await operator.press("l")
+    await operator.resize(100, 24)
+    await operator.press("g")
+    await operator.until(lambda: "event 3" in log_lines(operator), "what was read")
+    await operator.press("end")
+    await operator.until(lambda: "another one" in log_lines(operator), "the end")
+    operator.app.tell("the last")
+    await operator.until(lambda: "the last" in log_lines(operator), "what comes then")
+    await operator.press("down")
+    operator.app.tell("the next")
+    operator.app.progress(0.5, "3 cm to go")  # of a typed command: the list shows it, not the log
+    await operator.until(lambda: "the next" in log_lines(operator), "who is at the end follows on")
+    assert operator.app.store.entries[-1].text == "the next"
 
 
-async def test_who_goes_to_the_beginning_while_lines_come_stays_there(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        for number in range(80):
-            operator.app.tell(f"event {number}")
-        await operator.press("g")
-        await operator.sees("event 79")
-        operator.app.tell("a line that is still to be scrolled to")
-        operator.app.main.draw()
-        operator.one(LogPane).action_scroll_home()  # in the same turn
-        await operator.until(lambda: "event 0" in log_lines(operator), "the beginning")
-        operator.app.tell("the next")
-        operator.app.main.draw()
-        await operator.settled()
-        assert "event 0" in log_lines(operator)
+async def test_who_goes_to_the_beginning_while_lines_come_stays_there(operator: Operator) -> None:
+    for number in range(80):
+        operator.app.tell(f"event {number}")
+    await operator.press("g")
+    await operator.sees("event 79")
+    operator.app.tell("a line that is still to be scrolled to")
+    operator.app.main.draw()
+    operator.one(LogPane).action_scroll_home()  # in the same turn
+    await operator.until(lambda: "event 0" in log_lines(operator), "the beginning")
+    operator.app.tell("the next")
+    operator.app.main.draw()
+    await operator.settled()
+    assert "event 0" in log_lines(operator)
 
 
 async def test_the_log_is_there_in_a_small_terminal(realm: Realm, operate: Operate) -> None:
@@ -443,20 +432,19 @@ class Counting:
         await self.operator.sees(f"{path} commands {child}")
 
 
-async def test_from_nothing_to_a_closing_lever_it_takes_eighteen_keys(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "the arm")
-        await operator.until(lambda: bool(operator.app.store.hosts), "a host")
-        hand = Counting(operator)
-        await hand.make("move_to.py", "move-to")
-        await hand.enslave("move-to.arm", "arm-1")
-        await hand.make("open_close_lever.py", "open-close-lever")
-        await hand.enslave("open-close-lever.mover", "move-to")
-        await hand.press("enter")
-        page = await operator.at(PanelPage)
-        await operator.until(lambda: bool(page.query("CommandForm")), "the form")
-        assert page.robot.commands[0].name == "close"
-        await hand.press("ctrl+r")
-        await operator.sees("done in")
-        assert realm.arm.lever > 0.75, "the lever is closed"
-        assert hand.keys <= 18, f"{hand.keys} keys"
+async def test_a_lever_closes_after_eighteen_keys_from_nothing(realm: Realm, operator: Operator) -> None:
+    await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "the arm")
+    await operator.until(lambda: bool(operator.app.store.hosts), "a host")
+    hand = Counting(operator)
+    await hand.make("move_to.py", "move-to")
+    await hand.enslave("move-to.arm", "arm-1")
+    await hand.make("open_close_lever.py", "open-close-lever")
+    await hand.enslave("open-close-lever.mover", "move-to")
+    await hand.press("enter")
+    page = await operator.at(PanelPage)
+    await operator.until(lambda: bool(page.query("CommandForm")), "the form")
+    assert page.robot.commands[0].name == "close"
+    await hand.press("ctrl+r")
+    await operator.sees("done in")
+    assert realm.arm.lever > 0.75, "the lever is closed"
+    assert hand.keys <= 18, f"{hand.keys} keys"

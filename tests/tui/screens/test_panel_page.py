@@ -185,22 +185,21 @@ def in_front(page: PanelPage) -> Any:
 
 
 async def test_a_robot_that_comes_back_can_be_commanded_in_the_same_panel(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        late = await realm.robot(Odd("odd-1"))
-        page = await open_panel(operator, "odd-1")
-        await late.close()
-        await operator.sees("✗ has left")
-        await choose(operator, page, "poke")
-        before = in_front(page)
-        await fill(operator, before, "bracket", "[bold]")
-        await realm.robot(Odd("odd-1"))
-        await operator.until(lambda: in_front(page) not in {None, before}, "it is back, with a form anew")
-        await operator.until(lambda: in_front(page).typed == {"bracket": "[bold]"}, "what was typed is kept")
-        assert in_front(page).at == "bracket", "and the cursor is where it was"
-        await operator.press("ctrl+r")
-        await operator.sees("{[bold]}")
+    late = await realm.robot(Odd("odd-1"))
+    page = await open_panel(operator, "odd-1")
+    await late.close()
+    await operator.sees("✗ has left")
+    await choose(operator, page, "poke")
+    before = in_front(page)
+    await fill(operator, before, "bracket", "[bold]")
+    await realm.robot(Odd("odd-1"))
+    await operator.until(lambda: in_front(page) not in {None, before}, "it is back, with a form anew")
+    await operator.until(lambda: in_front(page).typed == {"bracket": "[bold]"}, "what was typed is kept")
+    assert in_front(page).at == "bracket", "and the cursor is where it was"
+    await operator.press("ctrl+r")
+    await operator.sees("{[bold]}")
 
 
 class Odd(Robot):
@@ -234,24 +233,23 @@ class Team(VirtualRobot):
 
 
 async def test_settings_are_changed_in_the_form_that_the_key_opens(
-    realm: Realm, operate: Operate, tmp_path: Path
+    realm: Realm, operator: Operator, tmp_path: Path
 ) -> None:
     (tmp_path / "team.py").write_text(TEAM)
     await realm.realm_client.create(str(tmp_path / "team.py"), "team")
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "team" in operator.app.store.descriptions, "team")
-        await operator.select("team")
-        await operator.press("s")
-        page = await operator.at(PanelPage)
-        await operator.until(lambda: any(one.display for one in page.query(CommandForm)), "the form")
-        form = next(one for one in page.query(CommandForm) if one.display)
-        assert form.spec.name == "set"
-        assert {one.spec.name: one.text for one in form.query(FieldRow)} == {"speed": "0.1", "label": "left"}
-        await fill(operator, form, "speed", "20 cm/s")
-        await realm.realm_client.call("team", "set", {"label": "right"})
-        await operator.press("ctrl+r")
-        await operator.sees("done in")
-        assert await realm.realm_client.call("team", "told", {}) == "0.2 right", "what was not edited stays"
+    await operator.until(lambda: "team" in operator.app.store.descriptions, "team")
+    await operator.select("team")
+    await operator.press("s")
+    page = await operator.at(PanelPage)
+    await operator.until(lambda: any(one.display for one in page.query(CommandForm)), "the form")
+    form = next(one for one in page.query(CommandForm) if one.display)
+    assert form.spec.name == "set"
+    assert {one.spec.name: one.text for one in form.query(FieldRow)} == {"speed": "0.1", "label": "left"}
+    await fill(operator, form, "speed", "20 cm/s")
+    await realm.realm_client.call("team", "set", {"label": "right"})
+    await operator.press("ctrl+r")
+    await operator.sees("done in")
+    assert await realm.realm_client.call("team", "told", {}) == "0.2 right", "what was not edited stays"
 
 
 @pytest.mark.parametrize("size", [(160, 48), (80, 24)])
@@ -313,27 +311,26 @@ class Waver(VirtualRobot):
 """
 
 
-async def test_a_robot_brings_its_own_panel(realm: Realm, operate: Operate, tmp_path: Path) -> None:
+async def test_a_robot_brings_its_own_panel(realm: Realm, operator: Operator, tmp_path: Path) -> None:
     (tmp_path / "waver.py").write_text(WAVER)
     (tmp_path / "waver.panel.yaml").write_text(OWN_PANEL)
     await realm.realm_client.create(str(tmp_path / "waver.py"), "waver")
-    async with operate(realm.realm_client) as operator:
-        page = await open_panel(operator, "waver")
-        await operator.until(lambda: any(one.display for one in page.query(LaidOut)), "its own panel")
-        laid_out = page.query_one(LaidOut)
-        twice, often = laid_out.query(Button)
-        assert (str(twice.label), str(often.label)) == ("▶ twice", "▶ often")
-        twice.press()
-        await operator.until(lambda: "waved          █████░" in operator.text, "the bar of what it waved")
-        often.press()
-        question = await operator.at(Confirm)
-        assert "Is the way free?" in operator.text
-        question.query_one("#no", Button).press()
-        await operator.at(PanelPage)
-        often.press()
-        question = await operator.at(Confirm)
-        question.query_one("#yes", Button).press()
-        await operator.until(lambda: "█ 11" in operator.text, "it waved on, and only once")
+    page = await open_panel(operator, "waver")
+    await operator.until(lambda: any(one.display for one in page.query(LaidOut)), "its own panel")
+    laid_out = page.query_one(LaidOut)
+    twice, often = laid_out.query(Button)
+    assert (str(twice.label), str(often.label)) == ("▶ twice", "▶ often")
+    twice.press()
+    await operator.until(lambda: "waved          █████░" in operator.text, "the bar of what it waved")
+    often.press()
+    question = await operator.at(Confirm)
+    assert "Is the way free?" in operator.text
+    question.query_one("#no", Button).press()
+    await operator.at(PanelPage)
+    often.press()
+    question = await operator.at(Confirm)
+    question.query_one("#yes", Button).press()
+    await operator.until(lambda: "█ 11" in operator.text, "it waved on, and only once")
 
 
 def test_a_plot_shows_the_course_of_a_reading() -> None:
@@ -347,32 +344,30 @@ def test_a_plot_shows_the_course_of_a_reading() -> None:
 
 
 async def test_without_trust_the_generated_form_is_shown_and_the_reason(
-    realm: Realm, operate: Operate, tmp_path: Path
+    realm: Realm, operator: Operator, tmp_path: Path
 ) -> None:
     (tmp_path / "waver.py").write_text(WAVER)
     (tmp_path / "waver.panel.yaml").write_text(OWN_PANEL.replace("button: wave", "button: melt"))
     await realm.realm_client.create(str(tmp_path / "waver.py"), "waver")
-    async with operate(realm.realm_client) as operator:
-        page = await open_panel(operator, "waver")
-        reason = "the panel waver.panel.yaml is not shown: Waver has no command 'melt'"
-        await operator.until(lambda: reason in operator.text, "the reason")
-        await choose(operator, page, "wave")
-        assert not page.query(LaidOut)
+    page = await open_panel(operator, "waver")
+    reason = "the panel waver.panel.yaml is not shown: Waver has no command 'melt'"
+    await operator.until(lambda: reason in operator.text, "the reason")
+    await choose(operator, page, "wave")
+    assert not page.query(LaidOut)
 
 
 async def test_code_of_anybody_stays_red_on_the_screen(
-    realm: Realm, operate: Operate, tmp_path: Path
+    realm: Realm, operator: Operator, tmp_path: Path
 ) -> None:
     (tmp_path / "waver.py").write_text(WAVER)
     host = await realm.host("careless")
     await host.create(Bundle.read(tmp_path / "waver.py"), "own")
     host.gate.any_signer = True
     await host.create(replace(Bundle.read(tmp_path / "waver.py"), sender="anna@lab"), "foreign")
-    async with operate(realm.realm_client) as operator:
-        red = "✗ CODE OF ANYBODY: foreign (--insecure-any-signer)"
-        await operator.until(lambda: red in operator.text, "the banner")
-        await open_panel(operator, "own")
-        await operator.until(lambda: red in operator.text, "the banner, on each page")
+    red = "✗ CODE OF ANYBODY: foreign (--insecure-any-signer)"
+    await operator.until(lambda: red in operator.text, "the banner")
+    await open_panel(operator, "own")
+    await operator.until(lambda: red in operator.text, "the banner, on each page")
 
 
 PROGRAM = """
@@ -405,29 +400,28 @@ class Waving(RobotPanel, can_focus=True):
 
 
 async def test_a_robot_brings_a_panel_that_is_a_program_until_that_ends(
-    realm: Realm, operate: Operate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    realm: Realm, operator: Operator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(outside, "SILENT", PATIENCE)
     monkeypatch.setattr(outside, "START", PATIENCE)
     (tmp_path / "waver.py").write_text(WAVER)
     (tmp_path / "waver.panel.py").write_text(PROGRAM)
     await realm.realm_client.create(str(tmp_path / "waver.py"), "waver")
-    async with operate(realm.realm_client) as operator:
-        page = await open_panel(operator, "waver")
-        await operator.until(lambda: "waved 0 times by key" in operator.text, "its own panel")
-        await operator.press("enter")  # into it
-        program = page.query_one(ProgramPanel)
-        assert program.has_focus
-        await operator.press("w")
-        await operator.until(lambda: "waved 7 times by key" in operator.text, "it waved")
-        await operator.press("x")
-        told = operator.app.store.entries  # on a busy machine the line has gone before anybody looks
-        ended = "is not shown: its process has ended"
-        await operator.until(lambda: any(ended in entry.text for entry in told), "the reason")
-        await choose(operator, page, "wave")  # the generated form is there
-        assert not page.query(ProgramPanel)
-        await operator.press("escape")
-        await operator.until(lambda: not isinstance(operator.app.screen, PanelPage), "it was left")
+    page = await open_panel(operator, "waver")
+    await operator.until(lambda: "waved 0 times by key" in operator.text, "its own panel")
+    await operator.press("enter")  # into it
+    program = page.query_one(ProgramPanel)
+    assert program.has_focus
+    await operator.press("w")
+    await operator.until(lambda: "waved 7 times by key" in operator.text, "it waved")
+    await operator.press("x")
+    told = operator.app.store.entries  # on a busy machine the line has gone before anybody looks
+    ended = "is not shown: its process has ended"
+    await operator.until(lambda: any(ended in entry.text for entry in told), "the reason")
+    await choose(operator, page, "wave")  # the generated form is there
+    assert not page.query(ProgramPanel)
+    await operator.press("escape")
+    await operator.until(lambda: not isinstance(operator.app.screen, PanelPage), "it was left")
 
 
 COUNTS = """
@@ -501,37 +495,35 @@ async def choose_role(operator: Operator, name: str) -> Choosing:
 
 
 async def test_a_role_is_chosen_on_the_screen_and_the_present_one_is_marked(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
     robot = Butler("james")
     await realm.robot(robot)
-    async with operate(realm.realm_client) as operator:
-        dialog = await choose_role(operator, "james")
-        await operator.sees("Which role does james play from its next act on?", "neutral  now", "child")
-        options = dialog.query_one(OptionList)
-        names = [str(option.prompt).split()[0] for option in options.options]
-        assert names[0] == "neutral"
-        for _ in range(names.index("butler")):
-            await operator.press("down")
-        await operator.press("enter")
-        await operator.at(MainPage)
-        await operator.sees("james plays butler from its next act on")
-        assert robot.role == "butler"
-        await choose_role(operator, "james")
-        await operator.sees("butler  now")
-        await operator.press("escape")
-        await operator.at(MainPage)
-        assert robot.role == "butler", "escape changes nothing"
-        await operator.select("arm-1")
-        await operator.press("p")
-        await operator.sees("arm-1 plays no roles")
+    dialog = await choose_role(operator, "james")
+    await operator.sees("Which role does james play from its next act on?", "neutral  now", "child")
+    options = dialog.query_one(OptionList)
+    names = [str(option.prompt).split()[0] for option in options.options]
+    assert names[0] == "neutral"
+    for _ in range(names.index("butler")):
+        await operator.press("down")
+    await operator.press("enter")
+    await operator.at(MainPage)
+    await operator.sees("james plays butler from its next act on")
+    assert robot.role == "butler"
+    await choose_role(operator, "james")
+    await operator.sees("butler  now")
+    await operator.press("escape")
+    await operator.at(MainPage)
+    assert robot.role == "butler", "escape changes nothing"
+    await operator.select("arm-1")
+    await operator.press("p")
+    await operator.sees("arm-1 plays no roles")
 
 
 async def test_the_role_of_a_led_robot_is_changed_through_its_script(
-    realm: Realm, operate: Operate, tmp_path: Path
+    realm: Realm, operator: Operator, tmp_path: Path
 ) -> None:
     await led(realm, tmp_path)
-    async with operate(realm.realm_client) as operator:
-        await operator.obey("role james child")
-        await operator.sees("james plays child from its next act on")
-        assert (await realm.realm_client.describe("james")).attributes["role"] == "child"
+    await operator.obey("role james child")
+    await operator.sees("james plays child from its next act on")
+    assert (await realm.realm_client.describe("james")).attributes["role"] == "child"

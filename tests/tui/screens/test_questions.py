@@ -36,75 +36,72 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.network.permit_file import PermitFiles
 
 if TYPE_CHECKING:
-    from screens.conftest import Operate
+    from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
 
 async def test_the_question_to_resume_closes_when_somebody_else_has_resumed_those_that_it_is_about(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await realm.realm_client.stop(None)
-        await operator.sees("PROTECTIVE STOP: arm-1, rover-1 — R resumes")
-        await operator.press("R")
-        await operator.at(Confirm)
-        await operator.sees("resume?", "arm-1, rover-1 may move again")
-        await realm.realm_client.resume("rover-1")
-        await operator.until(lambda: operator.app.store.stopped == ("arm-1",), "one is released")
-        await operator.at(Confirm)
-        await realm.realm_client.resume("arm-1")
-        await operator.at(MainPage)
-        await operator.sees("no need to resume: the stop of arm-1, rover-1 has ended meanwhile")
-        await operator.obey("resume")
-        await operator.at(Confirm)
-        await operator.sees("All robots may move again")
-        await operator.press("escape")
-        await operator.at(MainPage)
-        await realm.realm_client.stop(None)
-        await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
-        await operator.obey("resume rover-1")
-        await operator.at(Confirm)
-        await realm.realm_client.resume("rover-1")
-        await operator.at(MainPage)
-        await operator.sees(
-            "no need to resume: the stop of rover-1 has ended meanwhile", "PROTECTIVE STOP: arm-1"
-        )
+    await realm.realm_client.stop(None)
+    await operator.sees("PROTECTIVE STOP: arm-1, rover-1 — R resumes")
+    await operator.press("R")
+    await operator.at(Confirm)
+    await operator.sees("resume?", "arm-1, rover-1 may move again")
+    await realm.realm_client.resume("rover-1")
+    await operator.until(lambda: operator.app.store.stopped == ("arm-1",), "one is released")
+    await operator.at(Confirm)
+    await realm.realm_client.resume("arm-1")
+    await operator.at(MainPage)
+    await operator.sees("no need to resume: the stop of arm-1, rover-1 has ended meanwhile")
+    await operator.obey("resume")
+    await operator.at(Confirm)
+    await operator.sees("All robots may move again")
+    await operator.press("escape")
+    await operator.at(MainPage)
+    await realm.realm_client.stop(None)
+    await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
+    await operator.obey("resume rover-1")
+    await operator.at(Confirm)
+    await realm.realm_client.resume("rover-1")
+    await operator.at(MainPage)
+    await operator.sees(
+        "no need to resume: the stop of rover-1 has ended meanwhile", "PROTECTIVE STOP: arm-1"
+    )
 
 
 async def test_the_question_to_delete_closes_when_another_robot_has_taken_the_name(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
-        operator.app.ask_for("delete", Place("mover"))
-        await operator.at(Confirm)
-        await operator.sees("delete mover?", "mover ends for good")
-        await realm.realm_client.delete("mover")
-        await realm.create("two_arms.py", "mover")
-        await operator.at(MainPage)
-        await operator.until(
-            lambda: any("mover " in entry.text for entry in operator.app.store.entries), "it is told"
-        )
-        assert "mover" in {robot.name for robot in await realm.realm_client.tree()}, "the new one lives"
+    await operator.until(lambda: "mover" in operator.app.store.descriptions, "its description")
+    operator.app.ask_for("delete", Place("mover"))
+    await operator.at(Confirm)
+    await operator.sees("delete mover?", "mover ends for good")
+    await realm.realm_client.delete("mover")
+    await realm.create("two_arms.py", "mover")
+    await operator.at(MainPage)
+    await operator.until(
+        lambda: any("mover " in entry.text for entry in operator.app.store.entries), "it is told"
+    )
+    assert "mover" in {robot.name for robot in await realm.realm_client.tree()}, "the new one lives"
 
 
 async def test_the_question_to_release_names_the_child_and_closes_when_the_slot_has_another_one(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
     await realm.create("move_to.py", "mover")
     await realm.realm_client.enslave("mover", "arm", "arm-1")
-    async with operate(realm.realm_client) as operator:
-        store = operator.app.store
-        await operator.until(
-            lambda: "mover" in store.descriptions and bool(store.descriptions["mover"].slots[0].child), "bond"
-        )
-        operator.app.ask_for("release", Place("mover"))
-        await operator.at(Confirm)
-        await operator.sees("release mover.arm?", "arm-1 stops what it does for mover")
-        await realm.realm_client.release("mover", "arm")
-        await operator.at(MainPage)
-        await operator.sees("mover.arm is empty now, not arm-1")
+    store = operator.app.store
+    await operator.until(
+        lambda: "mover" in store.descriptions and bool(store.descriptions["mover"].slots[0].child), "bond"
+    )
+    operator.app.ask_for("release", Place("mover"))
+    await operator.at(Confirm)
+    await operator.sees("release mover.arm?", "arm-1 stops what it does for mover")
+    await realm.realm_client.release("mover", "arm")
+    await operator.at(MainPage)
+    await operator.sees("mover.arm is empty now, not arm-1")
 
 
 class Gate(PolicyGate):
@@ -130,59 +127,57 @@ def asked(id_: str, x: float = 0.5) -> Permit:
 
 
 async def test_a_person_sees_that_an_assistant_asks_and_answers_in_a_dialog(
-    realm: Realm, operate: Operate, permits: PermitFiles
+    operator: Operator, permits: PermitFiles
 ) -> None:
     jpeg = io.BytesIO()
     Image.new("RGB", (64, 36), (200, 30, 30)).save(jpeg, "JPEG")
-    async with operate(realm.realm_client) as operator:
-        permits.ask(asked("aaaaaaaa"), jpeg.getvalue())
-        await operator.sees("1 permit waits: P", "claude asks for arm-1.go_to(x=0.5 m)")
-        permits.ask(asked("bbbbbbbb", 0.7))
-        await operator.sees("2 permits wait: P")
-        await operator.press("P")
-        await operator.at(PermitsPage)
-        await operator.sees("aaaaaaaa", "bbbbbbbb")
-        await operator.press("enter")
-        page = await operator.at(PermitDialog)
-        await operator.sees("May claude do this, once?", "x=0.5 m", "the lever [/x] is open", "0.21 m")
-        assert page.query_one(".dialog").outer_size.width == 96
-        assert page.query_one(VerticalScroll).max_scroll_y == 0, "all of it is in sight"
-        await operator.until(lambda: page.query_one(PictureView).frames > 0, "the picture")
-        await operator.sees("\u2580")
-        await operator.press("enter")  # the harmless answer has the focus
-        await operator.at(PermitsPage)
-        assert {one.id for one in permits.waiting()} == {"aaaaaaaa", "bbbbbbbb"}
-        await operator.press("enter")
-        await operator.at(PermitDialog)
-        await operator.press("tab", "enter")
-        await operator.until(lambda: permits.find("aaaaaaaa").state == "allowed", "it is allowed")
-        await operator.at(PermitsPage)
-        await operator.until(lambda: "aaaaaaaa" not in operator.text, "it is off the list")
-        await operator.press("enter")
-        await operator.at(PermitDialog)
-        permits.answer("bbbbbbbb", yes=False, by="bert@pts/9")
-        await operator.at(PermitsPage)
-        await operator.sees("no permit waits for an answer", "waits for no answer any more")
-        await operator.press("escape")
-        await operator.at(MainPage)
-        await operator.until(lambda: "permit waits" not in operator.text, "none waits")
+    permits.ask(asked("aaaaaaaa"), jpeg.getvalue())
+    await operator.sees("1 permit waits: P", "claude asks for arm-1.go_to(x=0.5 m)")
+    permits.ask(asked("bbbbbbbb", 0.7))
+    await operator.sees("2 permits wait: P")
+    await operator.press("P")
+    await operator.at(PermitsPage)
+    await operator.sees("aaaaaaaa", "bbbbbbbb")
+    await operator.press("enter")
+    page = await operator.at(PermitDialog)
+    await operator.sees("May claude do this, once?", "x=0.5 m", "the lever [/x] is open", "0.21 m")
+    assert page.query_one(".dialog").outer_size.width == 96
+    assert page.query_one(VerticalScroll).max_scroll_y == 0, "all of it is in sight"
+    await operator.until(lambda: page.query_one(PictureView).frames > 0, "the picture")
+    await operator.sees("\u2580")
+    await operator.press("enter")  # the harmless answer has the focus
+    await operator.at(PermitsPage)
+    assert {one.id for one in permits.waiting()} == {"aaaaaaaa", "bbbbbbbb"}
+    await operator.press("enter")
+    await operator.at(PermitDialog)
+    await operator.press("tab", "enter")
+    await operator.until(lambda: permits.find("aaaaaaaa").state == "allowed", "it is allowed")
+    await operator.at(PermitsPage)
+    await operator.until(lambda: "aaaaaaaa" not in operator.text, "it is off the list")
+    await operator.press("enter")
+    await operator.at(PermitDialog)
+    permits.answer("bbbbbbbb", yes=False, by="bert@pts/9")
+    await operator.at(PermitsPage)
+    await operator.sees("no permit waits for an answer", "waits for no answer any more")
+    await operator.press("escape")
+    await operator.at(MainPage)
+    await operator.until(lambda: "permit waits" not in operator.text, "none waits")
 
 
 async def test_a_choice_whose_permit_has_gone_asks_about_no_other_one(
-    realm: Realm, operate: Operate, permits: PermitFiles
+    operator: Operator, permits: PermitFiles
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        permits.ask(asked("aaaaaaaa"))
-        permits.ask(asked("bbbbbbbb", 0.7))
-        await operator.sees("2 permits wait: P")
-        await operator.press("P")
-        page = await operator.at(PermitsPage)
-        permits.answer("aaaaaaaa", yes=False, by="bert@pts/9")
-        page.query_one(RowList).action_select()
-        operator.app.store.take_permits(permits.waiting(), operator.app.now(), "")
-        page._look()
-        await operator.settled()
-        await operator.at(PermitsPage)
+    permits.ask(asked("aaaaaaaa"))
+    permits.ask(asked("bbbbbbbb", 0.7))
+    await operator.sees("2 permits wait: P")
+    await operator.press("P")
+    page = await operator.at(PermitsPage)
+    permits.answer("aaaaaaaa", yes=False, by="bert@pts/9")
+    page.query_one(RowList).action_select()
+    operator.app.store.take_permits(permits.waiting(), operator.app.now(), "")
+    page._look()
+    await operator.settled()
+    await operator.at(PermitsPage)
 
 
 async def test_who_may_not_command_the_robot_cannot_say_yes(
@@ -308,11 +303,10 @@ async def test_an_operator_is_told_of_a_question_and_how_it_is_answered(
 
 
 async def test_of_the_answers_to_a_doubt_the_dangerous_one_is_red(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+    operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(QuestionDialog, "_answered", lambda _: "")
-    async with operate(realm.realm_client) as operator:
-        operator.app.push_screen(QuestionDialog(operator.app, AskedQuestion("arm-1", "Was it done?", DOUBT)))
-        page = await operator.at(QuestionDialog)
-        await operator.sees("I do not know", "It is done", "Again", "End it")
-        assert [each.name for each in page.query(Button) if each.variant == "error"] == ["abort"]
+    operator.app.push_screen(QuestionDialog(operator.app, AskedQuestion("arm-1", "Was it done?", DOUBT)))
+    page = await operator.at(QuestionDialog)
+    await operator.sees("I do not know", "It is done", "Again", "End it")
+    assert [each.name for each in page.query(Button) if each.variant == "error"] == ["abort"]

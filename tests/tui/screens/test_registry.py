@@ -28,7 +28,7 @@ from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.widgets.key_line import KeyLine
 
 if TYPE_CHECKING:
-    from screens.conftest import Operate
+    from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
 
@@ -102,45 +102,41 @@ def test_one_letter_has_one_meaning_in_the_whole_program() -> None:
     assert letters["c"] == {"cancel"}
 
 
-async def test_the_help_explains_every_key_of_the_registry_and_of_the_pages(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client) as operator:
-        lines = [" ".join(line.split()) for line in help_text(operator.app).plain.splitlines()]
-        wanted = [
-            f"{spell(action.key)} {f'{action.typing_key} ' if action.typing_key else ''}{action.help}"
-            for action in ACTIONS
-            if action.key and action.verb != "stop"
-        ]
-        wanted += [
-            f"{told} {meaning}"
-            for page in ("panel", "teleop", "new")
-            for told, meaning in page_rows(page, operator.app.keymap)
-        ]
-        assert [one for one in wanted if " ".join(one.split()) not in lines] == []
+async def test_the_help_explains_every_key_of_the_registry_and_of_the_pages(operator: Operator) -> None:
+    lines = [" ".join(line.split()) for line in help_text(operator.app).plain.splitlines()]
+    wanted = [
+        f"{spell(action.key)} {f'{action.typing_key} ' if action.typing_key else ''}{action.help}"
+        for action in ACTIONS
+        if action.key and action.verb != "stop"
+    ]
+    wanted += [
+        f"{told} {meaning}"
+        for page in ("panel", "teleop", "new")
+        for told, meaning in page_rows(page, operator.app.keymap)
+    ]
+    assert [one for one in wanted if " ".join(one.split()) not in lines] == []
 
 
 async def test_the_programs_keys_work_beside_a_button_and_are_letters_in_a_field(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        page = await operator.panel()
-        field = page.query(Input).first()
-        field.focus()
-        await operator.press("ctrl+u", "R", "question_mark", "space")
-        assert field.value == "R? "
-        assert operator.app.store.stopped == ()
-        page.query_one("#run", Button).focus()
-        await operator.press("space")
-        await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")
-        assert page.query_one("#run", Button).has_focus
-        await operator.press("question_mark")
-        await operator.at(Reading)
-        await operator.press("escape")
-        await operator.at(PanelPage)
-        await operator.press("R")
-        await operator.at(Confirm)
-        assert realm.arm.calls == [], "no key of the program presses the button"
+    page = await operator.panel()
+    field = page.query(Input).first()
+    field.focus()
+    await operator.press("ctrl+u", "R", "question_mark", "space")
+    assert field.value == "R? "
+    assert operator.app.store.stopped == ()
+    page.query_one("#run", Button).focus()
+    await operator.press("space")
+    await operator.until(lambda: len(operator.app.store.stopped) == 2, "the stop")
+    assert page.query_one("#run", Button).has_focus
+    await operator.press("question_mark")
+    await operator.at(Reading)
+    await operator.press("escape")
+    await operator.at(PanelPage)
+    await operator.press("R")
+    await operator.at(Confirm)
+    assert realm.arm.calls == [], "no key of the program presses the button"
 
 
 K9S = read('preset = "k9s"\n[keys]\npanel.run = "f5"\nfilter = "f3"\nresume = "f6"', "keys.toml")

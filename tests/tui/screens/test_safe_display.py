@@ -46,39 +46,37 @@ async def known(operator: Operator, *names: str) -> None:
     await operator.until(lambda: set(names) <= set(operator.one(RobotTable).names), str(names))
 
 
-async def test_the_selection_stays_on_its_robot_when_it_is_enslaved(realm: Realm, operate: Operate) -> None:
+async def test_the_selection_stays_on_its_robot_when_it_is_enslaved(realm: Realm, operator: Operator) -> None:
     await realm.create("move_to.py", "mover")
-    async with operate(realm.realm_client) as operator:
-        await known(operator, "mover", "arm-1", "rover-1")
-        operator.app.choose("arm-1")
-        await operator.press("e")
-        await operator.at(EnslaveDialog)
-        await operator.press("enter")
-        await operator.at(MainPage)
-        await operator.until(lambda: "arm-1" not in operator.app.store.robots, "it is enslaved")
-        await operator.sees("└ arm: arm-1")
-        assert operator.app.selection.name == operator.one(RobotTable).selected == "arm-1"
+    await known(operator, "mover", "arm-1", "rover-1")
+    operator.app.choose("arm-1")
+    await operator.press("e")
+    await operator.at(EnslaveDialog)
+    await operator.press("enter")
+    await operator.at(MainPage)
+    await operator.until(lambda: "arm-1" not in operator.app.store.robots, "it is enslaved")
+    await operator.sees("└ arm: arm-1")
+    assert operator.app.selection.name == operator.one(RobotTable).selected == "arm-1"
 
 
 async def test_the_selection_goes_to_what_was_just_made_and_a_hasty_key_is_refused(
-    realm: Realm, operate: Operate
+    operator: Operator,
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await known(operator, "arm-1", "rover-1")
-        operator.app.choose("rover-1")
-        times = [operator.app.now()]
-        operator.app.now = lambda: times[0]  # type: ignore[method-assign] # time is ours
-        await operator.obey("create examples/move_to.py as mover")
-        await known(operator, "mover")
-        await operator.until(lambda: operator.app.selection.name == "mover", "it is selected")
-        for key in ("d", "enter", "c", "r"):
-            operator.burst({"enter": "\r"}.get(key, key), at=times[0] + 0.3)
-            await operator.sees("the selection has just gone from rover-1 to mover: press again")
-            assert isinstance(operator.app.screen, MainPage), key
-        times[0] += 0.6
-        operator.burst("d", at=times[0])
-        await operator.at(Confirm)
-        await operator.sees("delete mover?")
+    await known(operator, "arm-1", "rover-1")
+    operator.app.choose("rover-1")
+    times = [operator.app.now()]
+    operator.app.now = lambda: times[0]  # type: ignore[method-assign] # time is ours
+    await operator.obey("create examples/move_to.py as mover")
+    await known(operator, "mover")
+    await operator.until(lambda: operator.app.selection.name == "mover", "it is selected")
+    for key in ("d", "enter", "c", "r"):
+        operator.burst({"enter": "\r"}.get(key, key), at=times[0] + 0.3)
+        await operator.sees("the selection has just gone from rover-1 to mover: press again")
+        assert isinstance(operator.app.screen, MainPage), key
+    times[0] += 0.6
+    operator.burst("d", at=times[0])
+    await operator.at(Confirm)
+    await operator.sees("delete mover?")
 
 
 OTHER = read('[keys]\ndismiss = "f6"', "keys.toml")
@@ -108,67 +106,47 @@ async def test_a_robot_that_hangs_stays_until_it_is_dismissed_or_back(realm: Rea
 
 
 async def test_what_the_page_behind_a_question_says_does_not_stand_still(
-    realm: Realm, operate: Operate
+    realm: Realm, operator: Operator
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await known(operator, "arm-1", "rover-1")
-        realm.network.kill(realm.members["rover-1"])
-        await operator.sees("✗ GONE")
-        operator.app.push_screen(Confirm("Really?", "", "Yes"))
-        await operator.at(Confirm)
-        began = re.search(r"GONE (\d+) s", operator.text)
-        assert began
-        await operator.until(
-            lambda: (now := re.search(r"GONE (\d+) s", operator.text)) is not None and now[1] != began[1],
-            "the time goes on",
-        )
+    await known(operator, "arm-1", "rover-1")
+    realm.network.kill(realm.members["rover-1"])
+    await operator.sees("✗ GONE")
+    operator.app.push_screen(Confirm("Really?", "", "Yes"))
+    await operator.at(Confirm)
+    began = re.search(r"GONE (\d+) s", operator.text)
+    assert began
+    await operator.until(
+        lambda: (now := re.search(r"GONE (\d+) s", operator.text)) is not None and now[1] != began[1],
+        "the time goes on",
+    )
 
 
-async def test_the_banner_names_first_who_has_not_confirmed_a_stop(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await known(operator, "arm-1", "rover-1")
-        realm.network.freeze(realm.members["rover-1"])
-        await operator.sees("HANGS")
-        await operator.press("space")
-        await operator.sees(
-            "■ NOT CONFIRMED: rover-1 (in rover-1, which hangs)", "■ PROTECTIVE STOP: arm-1  after 0."
-        )
-        lines = operator.text.splitlines()
-        first, second = (
-            next(i for i, line in enumerate(lines) if word in line) for word in ("NOT CONF", "PROTECT")
-        )
-        assert first < second
-        realm.network.thaw(realm.members["rover-1"])
-        await operator.until(lambda: "HANGS" not in operator.text, "it is awake")
-        await realm.realm_client.stop("rover-1")
-        await operator.until(lambda: "NOT CONFIRMED" not in operator.text, "it is settled")
-        await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
-        await operator.press("R")
-        await operator.at(Confirm)
-        await operator.press("right", "enter")
-        await operator.until(lambda: operator.app.store.stop is None, "resumed")
-        await operator.until(lambda: "PROTECTIVE" not in operator.text, "the banner goes")
+async def test_the_banner_names_first_who_has_not_confirmed_a_stop(realm: Realm, operator: Operator) -> None:
+    await known(operator, "arm-1", "rover-1")
+    realm.network.freeze(realm.members["rover-1"])
+    await operator.sees("HANGS")
+    await operator.press("space")
+    await operator.sees(
+        "■ NOT CONFIRMED: rover-1 (in rover-1, which hangs)", "■ PROTECTIVE STOP: arm-1  after 0."
+    )
+    lines = operator.text.splitlines()
+    first, second = (
+        next(i for i, line in enumerate(lines) if word in line) for word in ("NOT CONF", "PROTECT")
+    )
+    assert first < second
+    realm.network.thaw(realm.members["rover-1"])
+    await operator.until(lambda: "HANGS" not in operator.text, "it is awake")
+    await realm.realm_client.stop("rover-1")
+    await operator.until(lambda: "NOT CONFIRMED" not in operator.text, "it is settled")
+    await operator.sees("PROTECTIVE STOP: arm-1, rover-1")
+    await operator.press("R")
+    await operator.at(Confirm)
+    await operator.press("right", "enter")
+    await operator.until(lambda: operator.app.store.stop is None, "resumed")
+    await operator.until(lambda: "PROTECTIVE" not in operator.text, "the banner goes")
 
 
-async def test_the_last_picture_of_a_view_that_leaves_is_kept_until_it_is_back(
-    realm: Realm, operate: Operate
-) -> None:
-    async with operate(realm.realm_client, size=(120, 40)) as operator:
-        await known(operator, "arm-1")
-        picture = operator.one(PictureView, "#picture-box PictureView")
-        await operator.until(lambda: picture.frames > 0, "a picture")
-        await realm.members["cell"].close()
-        await operator.until(lambda: not operator.app.store.views, "it is listed no more")
-        await operator.sees("cell / cell", "not listed any more", "▀▀▀")
-        old = re.compile(r"\d s old: (?!its view does not answer)")
-        await operator.until(lambda: bool(old.search(operator.text)), "its age, and the error")
-        seen = picture.frames
-        await realm.view()
-        await operator.until(lambda: picture.frames > seen, "the next picture")
-        await operator.until(lambda: "not listed" not in operator.text, "it is listed again")
-
-
-async def test_the_last_picture_of_a_view_that_is_silent_is_kept_with_its_age(
+async def test_the_last_picture_of_a_view_that_is_silent_or_leaves_is_kept_with_its_age_until_it_is_back(
     realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with operate(realm.realm_client, size=(120, 40)) as operator:
@@ -179,12 +157,22 @@ async def test_the_last_picture_of_a_view_that_is_silent_is_kept_with_its_age(
         assert " old" not in operator.text, "a live one has no age"
         realm.network.freeze(realm.members["cell"])
         before = operator.app.now
-        monkeypatch.setattr(operator.app, "now", lambda: before() + 20.0)
-        old = re.compile(r"[23]\d s old: its view does not answer")
-        await operator.until(lambda: bool(old.search(operator.text)), "its age")
-        await operator.sees("▀▀▀")
+        with monkeypatch.context() as later:
+            later.setattr(operator.app, "now", lambda: before() + 20.0)
+            silent = re.compile(r"[23]\d s old: its view does not answer")
+            await operator.until(lambda: bool(silent.search(operator.text)), "its age")
+            await operator.sees("▀▀▀")
         realm.network.thaw(realm.members["cell"])
         await operator.until(lambda: "s old: " not in operator.text, "it is live again")
+        await realm.members["cell"].close()
+        await operator.until(lambda: not operator.app.store.views, "it is listed no more")
+        await operator.sees("cell / cell", "not listed any more", "▀▀▀")
+        old = re.compile(r"\d s old: (?!its view does not answer)")
+        await operator.until(lambda: bool(old.search(operator.text)), "its age, and the error")
+        seen = picture.frames
+        await realm.view()
+        await operator.until(lambda: picture.frames > seen, "the next picture")
+        await operator.until(lambda: "not listed" not in operator.text, "it is listed again")
 
 
 async def test_a_lost_child_that_is_back_is_offered_to_be_bound_again(realm: Realm, operate: Operate) -> None:
@@ -204,42 +192,38 @@ async def test_a_lost_child_that_is_back_is_offered_to_be_bound_again(realm: Rea
         await operator.sees("└ arm: arm-1", "mover.arm commands arm-1")
 
 
-async def test_marked_robots_are_cancelled_and_deleted_together(realm: Realm, operate: Operate) -> None:
+async def test_marked_robots_are_cancelled_and_deleted_together(realm: Realm, operator: Operator) -> None:
     for name in ("a-1", "a-2", "a-10"):
         await realm.create("move_to.py", name)
-    async with operate(realm.realm_client) as operator:
-        await known(operator, "a-1", "a-2", "a-10")
-        assert operator.one(RobotTable).names[:3] == ["a-1", "a-2", "a-10"], "in natural order"
-        await operator.press("home", "m", "m")
-        await operator.sees("*a-1", "*a-2")
-        await operator.press("d")
-        await operator.at(Confirm)
-        await operator.sees("delete 2 marked robots?", "a-1, a-2")
-        await operator.press("right", "enter")
-        await operator.until(
-            lambda: set(operator.app.store.robots) == {"a-10", "arm-1", "rover-1"}, "deleted"
-        )
-        assert not operator.app.marks
+    await known(operator, "a-1", "a-2", "a-10")
+    assert operator.one(RobotTable).names[:3] == ["a-1", "a-2", "a-10"], "in natural order"
+    await operator.press("home", "m", "m")
+    await operator.sees("*a-1", "*a-2")
+    await operator.press("d")
+    await operator.at(Confirm)
+    await operator.sees("delete 2 marked robots?", "a-1, a-2")
+    await operator.press("right", "enter")
+    await operator.until(lambda: set(operator.app.store.robots) == {"a-10", "arm-1", "rover-1"}, "deleted")
+    assert not operator.app.marks
 
 
-async def test_the_log_has_a_level_and_a_filter_of_its_own(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client) as operator:
-        await known(operator, "arm-1")
-        await operator.obey("call arm-1.get_info")
-        await operator.press("escape")
-        await operator.obey("call arm-1.stumble")
-        await operator.obey("call arm-1.hold")
-        await operator.sees("arm-1: hold by ", "is done: ran")
-        await operator.press("g", "L", "L")
-        await operator.sees("log  errors", "a stone")
-        await operator.until(lambda: "hold by" not in operator.text, "only errors")
-        await operator.press("L", "slash")
-        await operator.type("!stone")
-        await operator.press("enter")
-        await operator.until(lambda: "a stone" not in operator.text, "filtered")
-        await operator.sees("hold by", "log  /!stone")
-        await operator.press("l")
-        await operator.until(lambda: "/!stone" not in operator.text, "the robots have a filter of their own")
+async def test_the_log_has_a_level_and_a_filter_of_its_own(operator: Operator) -> None:
+    await known(operator, "arm-1")
+    await operator.obey("call arm-1.get_info")
+    await operator.press("escape")
+    await operator.obey("call arm-1.stumble")
+    await operator.obey("call arm-1.hold")
+    await operator.sees("arm-1: hold by ", "is done: ran")
+    await operator.press("g", "L", "L")
+    await operator.sees("log  errors", "a stone")
+    await operator.until(lambda: "hold by" not in operator.text, "only errors")
+    await operator.press("L", "slash")
+    await operator.type("!stone")
+    await operator.press("enter")
+    await operator.until(lambda: "a stone" not in operator.text, "filtered")
+    await operator.sees("hold by", "log  /!stone")
+    await operator.press("l")
+    await operator.until(lambda: "/!stone" not in operator.text, "the robots have a filter of their own")
 
 
 async def test_every_status_has_a_sign() -> None:

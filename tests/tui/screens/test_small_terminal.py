@@ -23,7 +23,7 @@ from robotree.tui.seen.selection import Place
 from robotree.tui.seen.watched import Alarm
 
 if TYPE_CHECKING:
-    from screens.conftest import Operate
+    from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
 SMALL = (40, 12)
@@ -38,30 +38,29 @@ def test_what_has_no_room_in_the_line_of_keys_is_left_out_whole_but_for_help() -
 
 
 async def test_another_size_is_drawn_at_once_and_ctrl_c_says_what_leaves(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+    operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with operate(realm.realm_client) as operator:
-        await operator.until(lambda: "x" in operator.app.store.readings("arm-1"), "its readings")
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
-        await operator.press("ctrl+c")
-        await operator.sees("ctrl+q leaves; ctrl+s stops every robot")
-        assert "Do you want to quit" not in operator.text
-        monkeypatch.setattr(page, "TICK", 1e6)
-        operator.app.ask_for("panel", Place("arm-1"))
-        await operator.at(PanelPage)
-        for width, counts in ((120, True), (80, False), (120, True)):
-            await operator.resize(width, 24)
+    await operator.until(lambda: "x" in operator.app.store.readings("arm-1"), "its readings")
+    await operator.until(lambda: "arm-1" in operator.app.store.descriptions, "its description")
+    await operator.press("ctrl+c")
+    await operator.sees("ctrl+q leaves; ctrl+s stops every robot")
+    assert "Do you want to quit" not in operator.text
+    monkeypatch.setattr(page, "TICK", 1e6)
+    operator.app.ask_for("panel", Place("arm-1"))
+    await operator.at(PanelPage)
+    for width, counts in ((120, True), (80, False), (120, True)):
+        await operator.resize(width, 24)
 
-            def fits(width: int = width, counts: bool = counts) -> bool:  # noqa: FBT001 # of this turn
-                top, who, *_ = operator.text.splitlines()
-                cut = who.rstrip().endswith("…")
-                return (
-                    len(top) == width
-                    and ("1 view" in top, "2 free" in top, cut) == (counts, True, not counts)
-                    and "STOP" in top
-                )
+        def fits(width: int = width, counts: bool = counts) -> bool:  # noqa: FBT001 # of this turn
+            top, who, *_ = operator.text.splitlines()
+            cut = who.rstrip().endswith("…")
+            return (
+                len(top) == width
+                and ("1 view" in top, "2 free" in top, cut) == (counts, True, not counts)
+                and "STOP" in top
+            )
 
-            await operator.until(fits, f"{width} columns")
+        await operator.until(fits, f"{width} columns")
 
 
 async def test_a_panel_has_its_form_below_the_commands_in_a_small_terminal(

@@ -16,7 +16,7 @@ from robotree.vr.base.history_event import HistoryEvent, NumberedEvent
 from robotree.vr.base.requests import EventsRead, ReadEvents
 
 if TYPE_CHECKING:
-    from screens.conftest import Operate
+    from screens.conftest import Operate, Operator
     from tui.conftest import Realm
 
     from robotree.vr.base.description import RobotDescription
@@ -66,20 +66,6 @@ async def test_the_page_shows_line_and_calls_and_pauses_steps_and_continues(
         await operator.at(MainPage)
 
 
-async def test_who_may_only_look_sees_no_key_that_pauses(realm: Realm, operate: Operate) -> None:
-    async with operate(realm.realm_client, readonly=True) as operator:
-        await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
-        operator.app.choose("arm-1")
-        await operator.press("z")
-        page = await operator.at(WherePage)
-        await operator.sees(
-            "arm-1 has carried nothing out yet", "no page: it is a proxy", "no call of a child"
-        )
-        assert not page.check_action("verb", ("pause",))
-        await operator.press("b")
-        assert not operator.app.store.descriptions["arm-1"].paused
-
-
 TEAM = HistoryEvent(
     kind="accepted", unix=1.0, robot="team", key="k", command="fetch", person="anna@pts/3", process=7
 )
@@ -90,21 +76,20 @@ ARM = HistoryEvent(
 
 
 async def test_w_tells_who_had_the_selected_robot_move_and_h_what_it_did(
-    realm: Realm, operate: Operate, monkeypatch: pytest.MonkeyPatch
+    realm: Realm, operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def read_events(request: ReadEvents) -> dict[str, EventsRead]:
         found = [ARM, ARM] if request.robot and not (request.last or request.key) else [TEAM, ARM]
         return {"host h1": EventsRead(events=tuple(NumberedEvent(*one) for one in enumerate(found, 1)))}
 
-    async with operate(realm.realm_client) as operator:
-        await operator.sees("arm-1")
-        operator.app.choose("arm-1")
-        await operator.press("W")
-        await operator.sees("nothing is kept of arm-1")
-        monkeypatch.setattr(realm.realm_client, "read_events", read_events)
-        await operator.press("W")
-        await operator.at(Reading)
-        await operator.sees("arm-1.go_to x=0.3", "step 2 of team.fetch, line 12", "asked by anna@pts/3")
-        await operator.press("escape", "H")
-        await operator.at(Reading)
-        await operator.sees("accepted", "go_to x=0.3")
+    await operator.sees("arm-1")
+    operator.app.choose("arm-1")
+    await operator.press("W")
+    await operator.sees("nothing is kept of arm-1")
+    monkeypatch.setattr(realm.realm_client, "read_events", read_events)
+    await operator.press("W")
+    await operator.at(Reading)
+    await operator.sees("arm-1.go_to x=0.3", "step 2 of team.fetch, line 12", "asked by anna@pts/3")
+    await operator.press("escape", "H")
+    await operator.at(Reading)
+    await operator.sees("accepted", "go_to x=0.3")
