@@ -60,7 +60,7 @@ async def at_rest(app: Supervisor, before: Screen[Any] | None = None) -> None:
         return
     await _until(app, taken.is_set, "a key is taken")
     await _until(app, lambda: not app.keys_wait and _takes_keys(app), "a key is dealt with")
-    if not _over(app) and before not in {None, app.screen}:
+    if not over(app) and before not in {None, app.screen}:
         drawn = asyncio.Event()
         if app.screen.call_after_refresh(drawn.set):
             front = app.screen
@@ -71,12 +71,12 @@ async def at_rest(app: Supervisor, before: Screen[Any] | None = None) -> None:
 async def _until(app: Supervisor, holds: Callable[[], bool], what: str) -> None:
     loop = asyncio.get_running_loop()
     latest = loop.time() + PATIENCE
-    while not _over(app) and not holds():
+    while not over(app) and not holds():
         assert loop.time() < latest, f"in vain: {what}:\n{text_of(app)}"
         await asyncio.sleep(0.001)
 
 
-def _over(app: Supervisor) -> bool:
+def over(app: Supervisor) -> bool:
     """Whether nothing is dealt with any more: it was left, or has failed."""
     return not app.is_running or app._exit or app._exception is not None or not app.screen_stack
 

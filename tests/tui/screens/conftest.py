@@ -30,7 +30,7 @@ from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.tui.seen import feeding
 from robotree.tui.seen.selection import Place
 from robotree.vr.agents import publisher, shared
-from tests.screen import at_rest, press, shows, text_of
+from tests.screen import at_rest, over, press, shows, text_of
 from tests.waiting import PATIENCE
 
 if TYPE_CHECKING:
@@ -284,6 +284,8 @@ def operate() -> Operate:
                 lambda: (app.store.joined or kind is UserApp) and len(app.screen_stack) > 1, "the main page"
             )
             yield operator
+            if not over(app):
+                await operator.settled()  # nobody leaves a page that is still being made
             assert app.fatal is not None or operator.text
         assert app.fatal is None
         assert mended or app.errors == []
