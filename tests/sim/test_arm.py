@@ -48,30 +48,30 @@ def test_ten_newtons_yield_twenty_millimetres_and_it_comes_back(arm: ArmBench) -
     before = arm.world.arm.state().position
     push, hand = DIAGONAL, arm.world.cell.model.body("arm/hand").id
     data.xfrc_applied[hand, :3] = 10.0 * push
-    operator.wait(4.0)
+    operator.wait(2.5)
     pushed = arm.world.arm.state()
     assert np.linalg.norm(pushed.position - before) == pytest.approx(0.020, abs=0.001)
     assert (pushed.position - before) @ push == pytest.approx(0.020, abs=0.001), "it yields along the push"
     np.testing.assert_allclose(pushed.wrench[:3], 10.0 * push, atol=0.05)
     data.xfrc_applied[hand, :3] = 0.0
-    operator.wait(4.0)
+    operator.wait(2.5)
     assert np.linalg.norm(arm.world.arm.state().position - before) < 0.0005
 
 
 def test_friction_does_not_spoil_the_compliance(arm: ArmBench) -> None:
     arm.world.cell.model.dof_frictionloss[:] *= 5.0
     operator, hand = arm.operator, arm.world.cell.model.body("arm/hand").id
-    operator.wait(2.0)
+    operator.wait(1.0)
     before = arm.world.arm.state().position
     arm.world.cell.data.xfrc_applied[hand, 0] = 10.0
-    operator.wait(5.0)
+    operator.wait(3.0)
     assert np.linalg.norm(arm.world.arm.state().position - before) == pytest.approx(0.020, abs=0.001)
 
 
 def test_at_rest_the_wrist_feels_nothing_in_any_posture(arm: ArmBench) -> None:
     for point in ((0.4, 0.2, 0.2, 1.0), (0.25, -0.3, 0.4, -2.0)):
         arm.operator.succeed(Verb.GO_TO, *point)
-        arm.operator.wait(2.0)
+        arm.operator.wait(1.0)
         np.testing.assert_allclose(arm.world.arm.state().wrench, 0.0, atol=0.1)
 
 
@@ -194,19 +194,19 @@ def visit(seed: int, count: int, *, lever: bool) -> collections.Counter[tuple[Go
 
 
 @pytest.mark.timeout(300)
-def test_of_ten_goals_on_a_bare_table_none_gets_stuck() -> None:
+def test_of_six_goals_on_a_bare_table_none_gets_stuck() -> None:
     """The soak test visits a thousand."""
-    ends = visit(seed=5, count=10, lever=False)
+    ends = visit(seed=5, count=6, lever=False)
     reached = ends.pop((GoalState.SUCCEEDED, Reason.NONE))
-    assert reached >= 7
+    assert reached >= 4
     assert {state for state, _ in ends} <= {GoalState.REFUSED}
     assert {reason for _, reason in ends} <= HONEST
 
 
 @pytest.mark.timeout(300)
 def test_with_a_lever_in_the_way_every_goal_still_ends_with_a_reason() -> None:
-    ends = visit(seed=7, count=6, lever=True)
-    assert sum(ends.values()) == 6
+    ends = visit(seed=7, count=4, lever=True)
+    assert sum(ends.values()) == 4
     assert set(ends) <= {
         (GoalState.SUCCEEDED, Reason.NONE),
         (GoalState.FAILED, Reason.BLOCKED),

@@ -66,10 +66,10 @@ def test_a_stopped_arm_keeps_what_it_holds(arm: ArmBench) -> None:
 
 def test_a_stopped_arm_still_yields(arm: ArmBench) -> None:
     arm.operator.set_mode(ModeKind.SAFE_STOP)
-    arm.operator.wait(2.0)
+    arm.operator.wait(1.0)
     before = arm.world.arm.state().position
     arm.world.cell.data.xfrc_applied[arm.world.cell.model.body("arm/hand").id, 0] = 10.0
-    arm.operator.wait(4.0)
+    arm.operator.wait(2.5)
     assert arm.world.arm.state().position[0] - before[0] == pytest.approx(0.020, abs=0.001)
 
 
@@ -110,12 +110,12 @@ def test_it_says_in_each_heartbeat_that_it_is_a_simulation(arm: ArmBench, rover:
 
 
 def test_telemetry_keeps_its_rates(arm: ArmBench) -> None:
-    arm.operator.wait(10.0)
+    arm.operator.wait(6.0)
     counts = {
         kind: sum(isinstance(m, kind) for _, m in arm.operator.heard)
         for kind in (Joints, Tool, Gripper, NamedValueFloat, Mode, CurrentMode)
     }
-    per_second = {kind: count / 10.0 for kind, count in counts.items()}
+    per_second = {kind: count / 6.0 for kind, count in counts.items()}
     assert per_second[Joints] == pytest.approx(50, rel=0.02)
     assert per_second[Tool] == pytest.approx(50, rel=0.02)
     assert per_second[Gripper] == pytest.approx(10, rel=0.05)
@@ -123,7 +123,7 @@ def test_telemetry_keeps_its_rates(arm: ArmBench) -> None:
     assert per_second[Mode] == pytest.approx(2, rel=0.2)
     assert per_second[CurrentMode] == pytest.approx(0.5, rel=0.2)
     speakers = Counter(beat.type for beat in arm.operator.all(Heartbeat))
-    assert speakers == {MavType.GENERIC: pytest.approx(10, abs=1), MavType.CAMERA: pytest.approx(20, abs=2)}
+    assert speakers == {MavType.GENERIC: pytest.approx(6, abs=1), MavType.CAMERA: pytest.approx(12, abs=2)}
 
 
 def test_the_tool_is_told_as_it_is(arm: ArmBench) -> None:

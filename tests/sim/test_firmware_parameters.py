@@ -55,17 +55,17 @@ def test_a_change_is_obeyed_and_told_to_everyone(arm: ArmBench) -> None:
 def test_a_stiffer_arm_yields_less_and_still_reaches_its_goals(arm: ArmBench, stiffness: float) -> None:
     tell(arm.operator, "TOOL_STIFFNESS", stiffness)
     arm.operator.succeed(Verb.GO_TO, *AWAY)
-    arm.operator.wait(2.0)
+    arm.operator.wait(1.0)
     before = arm.world.arm.state().position
     arm.world.cell.data.xfrc_applied[arm.world.cell.model.body("arm/hand").id, 0] = 10.0
-    arm.operator.wait(4.0)
+    arm.operator.wait(2.5)
     moved = arm.world.arm.state().position[0] - before[0]
     assert moved == pytest.approx(10.0 / stiffness, abs=0.0015)
 
 
 def test_tuning_a_taut_spring_does_not_make_the_arm_jump(arm: ArmBench) -> None:
     arm.world.cell.data.xfrc_applied[arm.world.cell.model.body("arm/hand").id, 0] = 10.0
-    arm.operator.wait(3.0)
+    arm.operator.wait(2.0)
     tell(arm.operator, "TOOL_STIFFNESS", 1000.0)
     fastest = 0.0
     for _ in range(300):

@@ -78,8 +78,7 @@ def giving() -> Giving:
 
 def test_a_hand_whose_proxy_hangs_stands_and_all_stand_whose_proxies_are_killed(giving: Giving) -> None:
     giving.left.silent = True  # as SIGSTOP does it
-    giving.base.wait(SOON)
-    assert "arm" not in giving.moving
+    giving.base.until(lambda: "arm" not in giving.moving, SOON)
     giving.assert_held()
     giving.left.silent = False
     giving.left.wait(1.5)
@@ -89,8 +88,8 @@ def test_a_hand_whose_proxy_hangs_stands_and_all_stand_whose_proxies_are_killed(
     giving.move()
     for each in giving.all:
         each.silent = True  # as `kill -9` does it
-    giving.base.wait(SOON)
-    assert not giving.moving
+    giving.base.until(lambda: not giving.moving, SOON)
+    giving.base.wait(0.5)
     before = giving.world.body.q
     giving.base.wait(2.0)
     assert abs(giving.world.body.q - before).max() < 0.02, "the arms stay where they are"
@@ -109,10 +108,9 @@ def test_a_second_client_cannot_open_the_hand_nor_anybody_during_a_stop(giving: 
     giving.assert_held()
     assert giving.moving
     giving.base.say(SetMode(1, 1, 0, ModeKind.SAFE_STOP))
-    giving.base.wait(2.0)
-    assert not giving.moving
+    giving.base.until(lambda: not giving.moving, 2.0)
     giving.assert_held()
     answer = giving.left.do(Verb.GRIP, 0.08, epoch=2)
     assert (GoalState(answer.state), Reason(answer.reason)) == (GoalState.REFUSED, Reason.STOPPED)
-    giving.base.wait(3.0)
+    giving.base.wait(1.0)
     giving.assert_held()
