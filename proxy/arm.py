@@ -12,8 +12,8 @@ from robotree.protocol.messages import Gripper, GripperState, MavComponent, Tool
 from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Hold, Motion, PreviewedWay
 from robotree.proxy.robot_proxy import CarriedCamera, RobotProxy, Streamed
-from robotree.proxy.shown import OFTEN, PICTURES, CameraPicture, ToolForce, ToolPose
 from robotree.proxy.translate import twist_of
+from robotree.proxy.view import OFTEN, PICTURES, CameraPicture, ToolForce, ToolPose
 from robotree.vr.author.command import command
 from robotree.vr.author.stream import Stream
 from robotree.vr.base.units import Unit

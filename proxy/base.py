@@ -13,8 +13,8 @@ from robotree.proxy.motion import Motion, PreviewedWay
 from robotree.proxy.robot_proxy import Streamed
 from robotree.proxy.rover import LIMITS as ROVER_LIMITS
 from robotree.proxy.rover import Rover, RoverInfo
-from robotree.proxy.shown import FloorPlace
 from robotree.proxy.translate import READERS, UNITS, MessageReaders
+from robotree.proxy.view import FloorPlace
 from robotree.vr.author.command import command
 from robotree.vr.base.units import Unit
 

@@ -12,8 +12,8 @@ from robotree.protocol.messages import Joints, MavComponent, Speech, Tags, Verb
 from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion
 from robotree.proxy.robot_proxy import CarriedCamera, RobotProxy, Streamed
-from robotree.proxy.shown import OFTEN, PICTURES, CameraPicture, Gaze
 from robotree.proxy.translate import READERS, MessageReaders, goal_key
+from robotree.proxy.view import OFTEN, PICTURES, CameraPicture, Gaze
 from robotree.vr.author.command import command
 from robotree.vr.author.stream import Stream
 from robotree.vr.base.errors import BadArgument

@@ -47,7 +47,6 @@ from robotree.proxy.session import (
     OnlineChanged,
     SessionEvent,
 )
-from robotree.proxy.shown import PATIENT, PictureShow
 from robotree.proxy.translate import (
     READERS,
     UNITS,
@@ -57,7 +56,7 @@ from robotree.proxy.translate import (
     goal_key,
     time_to_live,
 )
-from robotree.proxy.view import WorkspaceView
+from robotree.proxy.view import PATIENT, PictureShow, WorkspaceView
 from robotree.vr.author.command import command, commands_of
 from robotree.vr.author.context import Activity, running
 from robotree.vr.author.robot import Robot

@@ -12,8 +12,8 @@ from robotree.protocol.messages import LocalPositionNed, Verb
 from robotree.proxy.guard import Limits, Span
 from robotree.proxy.motion import Motion, PreviewedWay, Request
 from robotree.proxy.robot_proxy import RobotProxy, Streamed
-from robotree.proxy.shown import OFTEN, FloorPlace
 from robotree.proxy.translate import readings_of
+from robotree.proxy.view import OFTEN, FloorPlace
 from robotree.vr.author.command import command
 from robotree.vr.author.stream import Stream
 from robotree.vr.base.errors import BadArgument

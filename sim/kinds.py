@@ -165,11 +165,12 @@ def _arm_world() -> "ArmWorld":
 
 
 def _arm_parts(world: "ArmWorld") -> "Sequence[Part]":
-    from robotree.sim.arm import telemetry
+    from robotree.sim.arm.world import streams
 
-    streams = telemetry.streams(world)
     return (
-        Part(MavComponent.AUTOPILOT1, world.arm, streams, MavType.GENERIC, MavProtocolCapability.GRIPPER),
+        Part(
+            MavComponent.AUTOPILOT1, world.arm, streams(world), MavType.GENERIC, MavProtocolCapability.GRIPPER
+        ),
     )
 
 
@@ -192,15 +193,15 @@ def _companion_world() -> "CompanionWorld":
 
 
 def _companion_parts(world: "CompanionWorld") -> "Sequence[Part]":
-    from robotree.sim.companion import telemetry
+    from robotree.sim.companion.world import base_streams, head_streams, limb_streams
 
     body, gripper = world.body, MavProtocolCapability.GRIPPER
     left, right = body.limbs
-    head = telemetry.head_streams(world)
+    head = head_streams(world)
     return (
-        Part(BASE, body.base, telemetry.base_streams(world), MavType.GROUND_ROVER),
-        Part(LEFT_ARM, left, telemetry.limb_streams(left), MavType.GENERIC, gripper),
-        Part(RIGHT_ARM, right, telemetry.limb_streams(right), MavType.GENERIC, gripper),
+        Part(BASE, body.base, base_streams(world), MavType.GROUND_ROVER),
+        Part(LEFT_ARM, left, limb_streams(left), MavType.GENERIC, gripper),
+        Part(RIGHT_ARM, right, limb_streams(right), MavType.GENERIC, gripper),
         Part(HEAD, body.head, head, MavType.GENERIC, speech=body.head.hear),
     )
 

@@ -17,6 +17,6 @@ Watch a bus from another terminal: `python -m can.logger -i robotree -c CHANNEL`
 """
 
 from robotree.protocol.canbus.bus import BusStatistics, LoopbackBus
-from robotree.protocol.canbus.seats import SEATS, channel_id, first_port
+from robotree.protocol.canbus.membership import SEATS, channel_id, first_port
 
 __all__ = ["SEATS", "BusStatistics", "LoopbackBus", "channel_id", "first_port"]

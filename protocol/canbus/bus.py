@@ -15,9 +15,8 @@ import msgspec
 from can import BusABC, BusState, CanOperationError, CanProtocol, CanTimeoutError, Message
 
 from robotree.files import forks
-from robotree.protocol.canbus.membership import Membership
+from robotree.protocol.canbus.membership import DEFAULT, Membership
 from robotree.protocol.canbus.records import encode
-from robotree.protocol.canbus.seats import DEFAULT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -1,5 +1,17 @@
 """The members of the bus: one takes a seat, greets the others, hears newcomers, drains what waits.
 
+A channel is a row of ports on 127.0.0.1. A member takes the first free port of the row as its seat. The
+system frees the seat of a process that ends, however it ends, so the row is a directory that cannot go stale
+and needs nobody to keep it.
+
+>>> first_port(5770), first_port("5770")
+(5770, 5770)
+>>> first_port("arm") == first_port("arm"), first_port("arm") == first_port("rover")
+(True, False)
+
+There are fewer rows than names, so two named channels can share a row. They stay two channels: a greeting
+carries `channel_id`, and a member refuses the greeting of another channel.
+
 Members are connected each to each; no member relays for others, so none can take the bus down with it and
 none slows the others by being busy. One thread per member does what cannot wait until somebody calls the
 bus: it answers newcomers and empties backlogs. Frames themselves go from caller to caller.
@@ -18,18 +30,58 @@ import socket
 import threading
 from time import monotonic
 from typing import TYPE_CHECKING
+from zlib import crc32
 
 import msgspec
 from can import CanInitializationError
 
 from robotree.files import forks
 from robotree.protocol.canbus.records import GREETING_BYTES, Greeting, Records, read_greeting
-from robotree.protocol.canbus.seats import HOST, SEATS, channel_id, first_port
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from can import Message
+
+HOST = "127.0.0.1"
+SEATS = 32
+"""Members of one bus, at most."""
+DEFAULT = "robotree"
+"""The channel of those who name none."""
+_NAMED = range(17000, 32000, SEATS)
+"""First ports of channels that have a name: below the ports that systems hand out by themselves."""
+
+
+def first_port(channel: int | str) -> int:
+    """The first port of a channel's row.
+
+    Args:
+        channel: a port, as a number or in digits, or a name.
+
+    Raises:
+        ValueError: the row would leave the range of ports.
+    """
+    text = str(channel)
+    if not (text.isascii() and text.isdigit()):
+        return _NAMED[crc32(text.encode()) % len(_NAMED)]
+    port = int(text)
+    if not 1024 <= port <= 65536 - SEATS:
+        raise ValueError(f"channel {port} is no port from 1024 to {65536 - SEATS}; choose one, or a name")
+    return port
+
+
+def channel_id(channel: int | str) -> int:
+    """Return the number that identifies a channel in its row: its port, or the CRC-32 of its name.
+
+    Args:
+        channel: a port, as a number or in digits, or a name.
+
+    Returns:
+        A number below 2^32.
+    """
+    text = str(channel)
+    return int(text) if text.isascii() and text.isdigit() else crc32(text.encode())
+
 
 BOUND = 256 * 1024
 """[bytes] of the backlog; about 3000 frames of 64 bytes."""

@@ -5,10 +5,17 @@ No I/O and no clock: `now` is an argument, data fields go in and out. `frames` i
 """
 
 from robotree.protocol.errors import PayloadSize, TransferUnderWay
-from robotree.protocol.isotp.channel import Channel, ChannelStatistics, Heard
+from robotree.protocol.isotp.channel import (
+    Channel,
+    ChannelStatistics,
+    Failure,
+    Heard,
+    Receiver,
+    ReceiverStatistics,
+    Sender,
+    SenderStatistics,
+)
 from robotree.protocol.isotp.frames import CLASSIC, FD, LARGEST, FlowControl, FlowStatus
-from robotree.protocol.isotp.receiver import Receiver, ReceiverStatistics
-from robotree.protocol.isotp.sender import Failure, Sender, SenderStatistics
 
 __all__ = [
     "CLASSIC",

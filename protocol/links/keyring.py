@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.files import opened, own, sync_folder
 from robotree.protocol.errors import KeyFileError, UnmatchedLink
-from robotree.protocol.links.names import names
+from robotree.protocol.links.url import names
 from robotree.protocol.signing import KEY_BYTES, Key, secret_of
 
 if TYPE_CHECKING:

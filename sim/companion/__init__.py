@@ -8,6 +8,5 @@ guard.py          what may not be done: self-collision, tip-over, too near to a 
 limb.py base.py head.py   the devices: two arms, the base with the waist, the head
 body.py           the whole body: one control law for all, in every step of the world
 visitors.py       people who walk about, hold out a hand, speak and listen
-telemetry.py      what each component reports
-world.py          all of it, compiled and put in its first place
+world.py          all of it, compiled and put in its first place; what each component reports
 """

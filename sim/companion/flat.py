@@ -17,7 +17,7 @@ from robotree.sim.arm.model import HandPorts, bind_hand
 from robotree.sim.companion.figure import JOINT_NAMES, SIDES, XML
 from robotree.sim.physics import scenery
 from robotree.sim.physics.engine import mujoco
-from robotree.sim.physics.marker import PREFIX as MARKER
+from robotree.sim.physics.scenery import PREFIX as MARKER
 from robotree.sim.physics.vectors import Vector
 
 PREFIX: Final = "companion/"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from robotree.sim.arm.tuning import GRIP_FORCE
+from robotree.sim.arm.device import GRIP_FORCE
 from robotree.sim.firmware.device import Tunable
 
 HAND_SPEED: Final = 0.25

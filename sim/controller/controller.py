@@ -29,7 +29,7 @@ import msgspec
 
 from robotree.protocol.frame import Frame
 from robotree.protocol.messages import CommandInt, CommandLong, Goal, Setpoint, Verb
-from robotree.protocol.services.camera import Camera
+from robotree.protocol.services.picture import Camera
 from robotree.sim.firmware import COMPONENT, Firmware, Outgoing
 from robotree.sim.firmware.commands import MOVING
 from robotree.sim.firmware.stops import stop_asked_by

@@ -18,7 +18,7 @@ from PIL import Image
 
 from robotree.sim.physics.cell import STATE
 from robotree.sim.physics.engine import mujoco
-from robotree.sim.physics.marker import ACROSS, number_of, printed
+from robotree.sim.physics.scenery import ACROSS, number_of, printed
 from robotree.sim.physics.vectors import Matrix, Picture, Vector
 
 LARGEST: Final = 1920 * 1080

@@ -20,8 +20,8 @@ from robotree.proxy.arm import GoTo, Grip
 from robotree.proxy.guard import NO_LIMITS, EpochCheck, Span, changed, check
 from robotree.proxy.motion import Hold, Motion
 from robotree.proxy.rover import Move, check_arrival
+from robotree.sim.arm import device as arm_device
 from robotree.sim.arm import planner
-from robotree.sim.arm import tuning as arm_tuning
 from robotree.sim.arm.device import WIDEST_BLEND
 from robotree.sim.firmware.device import WIDEST
 from robotree.sim.rover import device as sim_rover
@@ -138,7 +138,7 @@ ARM: dict[str, tuple[float, float] | str] = {
     "y": REACH,
     "z": REACH,
     "twist": TURN,
-    "speed": (arm_tuning.SLOWEST, arm_tuning.TOP_SPEED),
+    "speed": (arm_device.SLOWEST, arm_device.TOP_SPEED),
     "blend": (0.0, WIDEST_BLEND),
     "width": (0.0, WIDEST),
 }

@@ -16,7 +16,7 @@ import can
 import pytest
 
 from robotree.client.joining import joined
-from robotree.protocol.canbus.seats import first_port
+from robotree.protocol.canbus.membership import first_port
 from robotree.protocol.links.can.address import read
 from robotree.protocol.links.url import parse
 from robotree.tui import exit_codes

@@ -37,7 +37,7 @@ from robotree.protocol.messages import (
     Timesync,
     Verb,
 )
-from robotree.sim.arm.tuning import PARAMETERS
+from robotree.sim.arm.device import PARAMETERS
 from robotree.sim.testing import NAN, ArmBench, Operator, RoverBench
 
 BYTES = st.integers(0, 255)

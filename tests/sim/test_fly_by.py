@@ -22,8 +22,7 @@ from robotree.protocol.messages import (
     Tool,
     Verb,
 )
-from robotree.sim.arm.device import WIDEST_BLEND
-from robotree.sim.arm.tuning import TOP_SPEED
+from robotree.sim.arm.device import TOP_SPEED, WIDEST_BLEND
 from robotree.sim.firmware import SILENCE
 from robotree.sim.physics.vectors import Vector
 from robotree.sim.testing import NAN, ArmBench, Operator

@@ -10,8 +10,7 @@ import sys
 from pathlib import Path
 
 from robotree.protocol.links.keyring import Keyring, create
-from robotree.protocol.links.names import names
-from robotree.protocol.links.url import SCHEMES
+from robotree.protocol.links.url import SCHEMES, names
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line

@@ -20,8 +20,7 @@ from robotree.protocol.links.can.identifiers import (
     route,
 )
 from robotree.protocol.links.can.link import CanLink, Ends
-from robotree.protocol.links.can.opening import open_port
-from robotree.protocol.links.can.port import Port
+from robotree.protocol.links.can.port import Port, open_port
 
 if TYPE_CHECKING:
     from can import Message

@@ -13,7 +13,7 @@ import can
 import pytest
 
 from robotree.protocol.canbus import SEATS
-from robotree.protocol.canbus.seats import HOST
+from robotree.protocol.canbus.membership import HOST
 from robotree.protocol.links.can import CanAddress
 from robotree.protocol.links.can import host as can_host
 

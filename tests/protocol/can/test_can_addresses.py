@@ -33,7 +33,7 @@ from robotree.protocol.links.can.identifiers import (
     route,
     taken_apart,
 )
-from robotree.protocol.links.can.opening import open_port
+from robotree.protocol.links.can.port import open_port
 from robotree.protocol.links.url import parse
 
 

@@ -14,8 +14,8 @@ import pytest
 
 from robotree.protocol import Endpoint, Frame, Parser, encode
 from robotree.protocol.canbus import channel_id, first_port
+from robotree.protocol.canbus.membership import HOST
 from robotree.protocol.canbus.records import Greeting
-from robotree.protocol.canbus.seats import HOST
 from robotree.protocol.errors import BadUrl, LinkBroken, LinkClosed, LinkOverrun, LinkRefused
 from robotree.protocol.links.can import CanAddress, CanLink, CanListener, Telemetry, connect, listen
 from robotree.protocol.links.can import listener as can_listener

@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotree.protocol.canbus import LoopbackBus, channel_id, first_port, membership
-from robotree.protocol.canbus.membership import GLANCE, STALLED_AFTER, Wire
+from robotree.protocol.canbus.membership import GLANCE, HOST, SEATS, STALLED_AFTER, Wire
 from robotree.protocol.canbus.records import (
     GREETING_BYTES,
     LARGEST_RECORD,
@@ -29,7 +29,6 @@ from robotree.protocol.canbus.records import (
     encode,
     read_greeting,
 )
-from robotree.protocol.canbus.seats import HOST, SEATS
 from tests.waiting import wait_until
 
 Buses = Callable[..., LoopbackBus]

@@ -21,7 +21,7 @@ from robotree.protocol.isotp.frames import single
 from robotree.protocol.links.can.identifiers import EVERYBODY, Kind, Priority, identifier, route
 from robotree.protocol.messages import Heartbeat, NamedValueFloat, make
 from robotree.protocol.tools.capture import Captured, Decoder, Recording, detect, tlog
-from robotree.protocol.tools.capture.candump import LONGEST_LINE, CandumpReader
+from robotree.protocol.tools.capture.decode import LONGEST_LINE, CandumpReader
 from robotree.protocol.tools.capture.framing import Splitter, intact
 from robotree.protocol.tools.capture.tlog import TlogReader
 

@@ -36,8 +36,7 @@ from robotree.protocol.messages import (
     make,
 )
 from robotree.protocol.tools.capture import Decoder, Recording, detect
-from robotree.protocol.tools.capture.foxglove import views
-from robotree.protocol.tools.capture.mcap import MAGIC, McapReader, McapWriter, schema_of
+from robotree.protocol.tools.capture.mcap import MAGIC, McapReader, McapWriter, schema_of, views
 
 NOON = 1_700_000_000_000_000
 
