@@ -1,6 +1,6 @@
 """Measure what the wire promises, and say whether it holds here; the exit code is 1 if a promise does not.
 
-    python -m bench.wire [codec] [trips] [noise] [clients]
+    python -m bench.wire [codec] [trips] [noise]
 
 Without a part all are measured.
 """

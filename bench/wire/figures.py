@@ -1,4 +1,4 @@
-"""The promises of the wire, each with what measures it. All but the last one are ratios."""
+"""The promises of the wire, each with what measures it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,6 @@ TCP = Promise("PING over TCP, beside a bare echo", 1.5, at_least=False)
 CAN_FD = Promise("PING over CAN FD, beside a bare echo", 3.0, at_least=False)
 RECOVERED = Promise("intact frames found in a bad stream", 100.0, at_least=True, unit="% of frames")
 CHANCE = Promise("bytes of chance accounted for", 10_000_000, at_least=True, unit="bytes")
-CLIENTS = Promise("10 clients at 100 Hz", 20.0, at_least=False, unit="% of a core")
 
 
 def codec(rounds: int = 60) -> Iterable[Figure]:
@@ -98,19 +97,10 @@ def noise() -> Iterable[Figure]:
     yield Figure(CHANCE, chance_bytes(), "nothing was raised")
 
 
-def clients() -> Iterable[Figure]:
-    """The cost of many listeners."""
-    from bench.wire.round_trips import crowd
-
-    cost = asyncio.run(crowd())
-    yield Figure(CLIENTS, 100 * cost.share, f"4 messages each; {cost.complete:.1%} of them arrived")
-
-
 FIGURES: dict[str, Callable[[], Iterable[Figure]]] = {
     "codec": codec,
     "trips": round_trips,
     "noise": noise,
-    "clients": clients,
 }
 """Every measurement, by the name of its part."""
 

@@ -1,4 +1,8 @@
-"""PING between two processes beside a bare asyncio echo of as many bytes, in turns; what a crowd costs."""
+"""PING between two processes beside a bare asyncio echo of as many bytes, in turns.
+
+`python bench/wire/round_trips.py URL…` is the other process. It echoes on a bare asyncio server and answers
+PING on a link at each URL. It says where, as one line of JSON, and ends with its standard input.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,11 @@ from collections.abc import Awaitable, Callable, Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bench.wire import far as far_process
 from robotree.protocol import Endpoint, Frame
-from robotree.protocol.links.url import connect
+from robotree.protocol.links.url import connect, listen
 from robotree.protocol.messages import Ping
+from robotree.protocol.services import ping
+from robotree.protocol.services.peer import Peer
 
 if TYPE_CHECKING:
     from robotree.protocol.links.link import Link
@@ -54,21 +59,10 @@ class Way(NamedTuple):
 class Far(NamedTuple):
     """The other process."""
 
-    process: subprocess.Popen[str]
     port: int
     """Of the bare echo."""
     addresses: list[str]
     """Where it answers PING."""
-    crowd: str
-    """Where it speaks to a crowd."""
-
-    def read(self) -> Any:
-        """The next thing that it says.
-
-        Raises:
-            ConnectionError: it has ended.
-        """
-        return _read(self.process)
 
 
 @contextmanager
@@ -81,11 +75,11 @@ def far(*urls: str) -> Generator[Far]:
     Yields:
         What is known of it.
     """
-    words = [sys.executable, far_process.__file__, *urls]
+    words = [sys.executable, __file__, *urls]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
-            port, *addresses, crowd = _read(process)
-            yield Far(process, port, addresses, crowd)
+            port, *addresses = _read(process)
+            yield Far(port, addresses)
         finally:
             assert process.stdin is not None  # noqa: S101  it was asked for
             process.stdin.close()
@@ -214,32 +208,47 @@ async def _take_turns(trips: dict[str, Trip], rounds: int, turn: int) -> list[Wa
     ]
 
 
-class CrowdCost(NamedTuple):
-    """The cost of ten clients."""
+class Echo(asyncio.Protocol):
+    """The baseline without us: sends back each piece of data."""
 
-    share: float
-    """Of a core."""
-    complete: float
-    """Share of the telemetry that reached them."""
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Remember the way back."""
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101  asyncio promises it for streams
+        self.transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        """Send it back."""
+        self.transport.write(data)
 
 
-async def crowd() -> CrowdCost:
-    """Let ten clients hear four messages at 100 Hz each."""
-    heard = 0
+def answering(link: Link) -> Endpoint:
+    """An endpoint that answers PING."""
 
-    def hear(_: Frame) -> None:
-        nonlocal heard
-        heard += 1
+    def answer(frame: Frame) -> None:
+        if isinstance(frame.message, Ping):
+            for reply in ping.answer(frame.message, Peer(link.address, frame.system, frame.component)):
+                endpoint.send(reply)
 
-    def accept(link: Link) -> Endpoint:
-        return Endpoint(link, system=255, component=155, on_frame=hear)
+    endpoint = Endpoint(link, system=1, component=1, on_frame=answer)
+    return endpoint
 
-    with far() as other:
-        links = [await connect(other.crowd, accept) for _ in range(far_process.CLIENTS)]
-        share = await asyncio.to_thread(other.read)
-        await asyncio.sleep(0.2)  # for the last frames
-        for link in links:
-            link.close()
-        await asyncio.sleep(0.05)
-    sent = far_process.CLIENTS * round(far_process.SECONDS * far_process.RATE) * len(far_process.TELEMETRY)
-    return CrowdCost(float(share), heard / sent)
+
+def _say(what: object) -> None:
+    sys.stdout.write(f"{json.dumps(what)}\n")
+    sys.stdout.flush()
+
+
+async def serve(urls: list[str]) -> None:
+    """Be there until standard input ends."""
+    loop = asyncio.get_running_loop()
+    echo = await loop.create_server(Echo, "127.0.0.1", 0)
+    listeners = [await listen(url, answering) for url in urls]
+    _say([echo.sockets[0].getsockname()[1], *(each.address for each in listeners)])
+    await asyncio.to_thread(sys.stdin.read)
+    for each in listeners:
+        await each.close()
+    echo.close()
+
+
+if __name__ == "__main__":
+    asyncio.run(serve(sys.argv[1:]))

@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 
 from bench.wire import codec
-from bench.wire.figures import CLIENTS, CODEC, FIGURES, Figure, Promise, chance_bytes, recovery
+from bench.wire.figures import CODEC, FIGURES, Figure, Promise, chance_bytes, recovery
 from bench.wire.round_trips import compare
 from robotree.protocol.testing import check_codec
 
@@ -88,8 +88,7 @@ async def test_round_trips_take_turns_with_a_bare_echo() -> None:
 
 
 def test_every_part_has_a_name_and_the_promises_are_the_project_s() -> None:
-    assert [*FIGURES] == ["codec", "trips", "noise", "clients"]
-    assert (CLIENTS.bound, CLIENTS.at_least) == (20.0, False)
+    assert [*FIGURES] == ["codec", "trips", "noise"]
     assert {name: promise.bound for name, promise in CODEC.items()} == {
         "encode": 3.5,
         "decode to frames": 7.0,
