@@ -21,8 +21,7 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.world.network import MemoryNetwork
 from robotree.vr.world.testing import until
-from tests.examples import node
-from tests.examples.controllers import COMPILER, compiled, generated, made_once
+from tests.examples.controllers import COMPILER, compiled, generated, made_js, made_once
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 HURRY = 6.0
@@ -104,4 +103,4 @@ def controller_py(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 @pytest.fixture(scope="session")
 def controller_js(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """How the controller in JavaScript is started."""
-    return made_once(tmp_path_factory, "controller_js", node.made)
+    return made_once(tmp_path_factory, "controller_js", made_js)

@@ -125,3 +125,26 @@ async def tried_alike(words: Sequence[str | Path], **options: object) -> list[Re
 def not_kept(results: Sequence[Result]) -> dict[str, str]:
     """Return what is not as the rules say: the detail of each, by its rule."""
     return {each.rule.id: each.detail for each in results if each.outcome is not Outcome.KEPT}
+
+
+JAVASCRIPT = Path(__file__).parents[2] / "examples" / "controller_js"
+NODE, NPM, MAKE = (shutil.which(name) for name in ("node", "npm", "make"))
+
+
+def made_js(folder: Path) -> list[str]:
+    """The same for JavaScript, with node-mavlink from npm, once; the test is skipped without node."""
+    if NODE is None or NPM is None or MAKE is None:
+        pytest.skip("there is no node, no npm or no make here")
+    with (JAVASCRIPT / ".npmrc").open() as lock:  # several processes run tests
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        make_at(JAVASCRIPT, "node_modules/.ready")
+    for name in ("controller.js", "rules.js", "package.json", "Makefile"):
+        shutil.copy(JAVASCRIPT / name, folder)
+    (folder / "node_modules").symlink_to(JAVASCRIPT / "node_modules")
+    make_at(folder, "robotree.js", f"ROBOTREE={sys.executable} -m robotree.tui")
+    return [NODE, str(folder / "controller.js")]
+
+
+def make_at(folder: Path, *words: str) -> None:
+    done = subprocess.run([str(MAKE), "-C", folder, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import re
+import sys
 from pathlib import Path
+
+import pytest
 
 from robotree.protocol import Parser, encode
 from robotree.protocol.dialect import by_name
@@ -48,3 +52,25 @@ def test_every_file_that_the_guide_points_to_is_there() -> None:
     links = re.findall(r"\]\(([^)#]+)\)", GUIDE.read_text())
     assert links
     assert [link for link in links if not (GUIDE.parent / link).exists()] == []
+
+
+pytestmark = pytest.mark.e2e
+CONTROLLER = Path(__file__).parents[3] / "examples" / "controller_py" / "controller.py"
+LINES = 113
+"""Lines of code; blank ones and the first words do not count."""
+
+
+def test_it_is_one_page_and_needs_nothing_but_pymavlink() -> None:
+    text = CONTROLLER.read_text()
+    code = text.split('"""', 2)[2]
+    assert len([line for line in code.splitlines() if line.strip()]) <= LINES
+    tree = ast.walk(ast.parse(text))
+    names = {
+        alias.name if isinstance(each, ast.Import) else each.module
+        for each in tree
+        if isinstance(each, ast.Import | ast.ImportFrom)
+        for alias in each.names
+    }
+    assert names - sys.stdlib_module_names == {"rover_wire", "keys", "memory"}, (
+        "pymavlink generates one, the others are here"
+    )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import pytest
 
 from robotree.protocol import Frame
-from robotree.protocol.messages import Goal, GoalCancel, GoalState, GoalStatus, Reason, Verb
+from robotree.protocol.messages import AnyMessage, Goal, GoalCancel, GoalState, GoalStatus, Reason, Verb
 from robotree.protocol.services.goal_client import (
     LINGER,
     LONGEST_SILENCE,
@@ -29,7 +30,19 @@ from robotree.protocol.services.goal_server import (
     Refusal,
 )
 from robotree.protocol.services.peer import Peer, Send
-from tests.protocol.goals import pursuing, sent
+
+
+def pursuing(ttl: float = 0.0) -> GoalClient:
+    """A client that has said goal 7 at 0 s, which lives for `ttl` [s]; 0: for ever."""
+    client = GoalClient(1, 1, via="link 1")
+    client.start(7, Verb.GO_TO, (0.5, 0.0, 0.2), epoch=3, now=0.0, ttl=ttl)
+    return client
+
+
+def sent(effects: Iterable[object]) -> list[AnyMessage]:
+    """The messages that are to be sent."""
+    return [each.message for each in effects if isinstance(each, Send)]
+
 
 PROXY = Peer("link 1", 255, 190)
 OTHER = Peer("link 2", 254, 190)

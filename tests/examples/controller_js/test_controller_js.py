@@ -32,8 +32,7 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.protocol.testing import random_values
-from tests.examples import node
-from tests.examples.controllers import started
+from tests.examples.controllers import JAVASCRIPT, started
 from tests.station import Station
 
 pytestmark = pytest.mark.e2e
@@ -73,7 +72,7 @@ def folder(controller_js: list[str]) -> Path:
 
 
 def test_all_of_its_packages_are_pinned_and_no_registry_is_named() -> None:
-    lock = json.loads((node.SOURCE / "package-lock.json").read_text())
+    lock = json.loads((JAVASCRIPT / "package-lock.json").read_text())
     packages = {name: each for name, each in lock["packages"].items() if name}
     assert packages["node_modules/node-mavlink"]["version"] == "2.3.0"
     assert all(each["integrity"].startswith("sha512-") for each in packages.values())
@@ -95,7 +94,7 @@ def test_node_mavlink_reads_and_writes_each_of_our_messages_without_a_change(
 
 
 def test_the_lines_of_the_guide_send_and_hear_a_message(controller_js: list[str], folder: Path) -> None:
-    guide = (node.SOURCE.parents[1] / "docs" / "bring-your-own-robot.md").read_text()
+    guide = (JAVASCRIPT.parents[1] / "docs" / "bring-your-own-robot.md").read_text()
     (lines,) = re.findall(r"```js\n(.*?)```", guide, re.DOTALL)
     words = [controller_js[0], "-e", HARNESS.format(lines)]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)

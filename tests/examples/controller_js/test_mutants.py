@@ -12,9 +12,8 @@ import pytest
 
 from robotree.protocol.tools.conform import RULES, Outcome, Result, examine
 from robotree.protocol.tools.conform.examine import NotExaminable
-from tests.examples import node
 from tests.examples.controller_js.mutants import MUTANTS, QUICK, UNHEARD, Mutant
-from tests.examples.controllers import started
+from tests.examples.controllers import JAVASCRIPT, started
 
 pytestmark = pytest.mark.e2e
 
@@ -43,7 +42,7 @@ def written(mutant: Mutant, controller_js: list[str], folder: Path) -> Path:
     for name in ("node_modules", "robotree.js"):
         (folder / name).symlink_to(Path(controller_js[-1]).parent / name)
     quick = () if mutant.rule in WITH_LONG_SILENCE else (QUICK,)
-    mutant._replace(changes=(*mutant.changes, *quick, UNHEARD)).write(node.SOURCE, folder)
+    mutant._replace(changes=(*mutant.changes, *quick, UNHEARD)).write(JAVASCRIPT, folder)
     return folder
 
 
