@@ -113,7 +113,7 @@ def test_a_wish_for_more_speed_gets_the_highest_which_can_be_lowered_meanwhile(
 def test_no_stream_leads_out_of_the_workspace(
     arm: ArmBench, stick: Pilot, way: tuple[float, float, float]
 ) -> None:
-    stick.steer(2.5, *way, 0.0)
+    stick.steer(3.2, *way, 0.0)
     x, y, z = place(arm).tolist()
     assert z > LOWEST - 0.005
     assert math.hypot(x, y) > NEAREST - 0.005

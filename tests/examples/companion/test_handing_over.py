@@ -186,7 +186,7 @@ def test_it_charges_at_its_place_until_the_battery_is_as_full_as_asked_for() -> 
     world = build(plays=(), start=(-2.0, 1.5, 0.3))
     bench = CompanionBench(world)
     robot = companion(bench)
-    world.flat.battery.charge = before = 0.8985
+    world.flat.battery.charge = before = 0.8945
     robot.sleep(1.2)
     assert world.flat.battery.charge < before
     assert robot.charge(0.9) >= 0.9
