@@ -19,6 +19,7 @@ from __future__ import annotations
 import fcntl
 import os
 import secrets
+import socket
 import stat
 import time
 from collections import Counter
@@ -28,12 +29,51 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from robotree.files import opened, own, sync_folder
 from robotree.protocol.errors import KeyFileError, UnmatchedLink
-from robotree.protocol.links.url import names
+from robotree.protocol.links.sockets import name
+from robotree.protocol.links.url import parse
 from robotree.protocol.signing import KEY_BYTES, Key, secret_of
 
 if TYPE_CHECKING:
     from collections.abc import Generator
     from pathlib import Path
+
+ANY_PORT = (1024, 34567, 65535)
+"""Ports of which a listener may take some when it is told to take any."""
+
+
+def names(text: str) -> list[str]:
+    """The names that the controller at an address has, or may have, before its link is open: for its key.
+
+    An address that a person types is not always the name of its controller (`Link.controller`): a host may
+    have a name, and a listener may take any port that is free.
+
+    Args:
+        text: the address, as it is handed to `connect` or `listen`.
+
+    Returns:
+        One of these will be its name. Empty: the host has no address, so there will be no link.
+
+    Raises:
+        BadUrl: the address means nothing.
+    """
+    url = parse(text)
+    if url.controller:
+        return [url.controller]
+    if url.scheme == "serial":
+        from robotree.protocol.links import serial
+
+        return [str(serial.read(url))]
+    if url.scheme == "can":
+        from robotree.protocol.links.can import address
+
+        return [str(address.read(url)).partition("&")[0]]
+    host, port = url.host_and_port()
+    found: list[str] = []
+    with suppress(OSError):
+        all_found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        found = list(dict.fromkeys(str(one[4][0]) for one in all_found))
+    return [name(url.scheme, (one, each)) for one in found for each in ((port,) if port else ANY_PORT)]
+
 
 LARGEST = 1_000_000
 """[bytes] of a key file: ten thousand keys."""

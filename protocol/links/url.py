@@ -4,17 +4,11 @@
 ('127.0.0.1', 5760)
 >>> parse("tcp:5760").host_and_port()
 ('127.0.0.1', 5760)
-
-An address that a person types is not always the name of its controller: a host may have a name, and a
-listener may take any port that is free. `names` says which names it has before its link is open, so that its
-key can be looked up in time.
 """
 
 from __future__ import annotations
 
 import ipaddress
-import socket
-from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, cast
 from urllib.parse import parse_qsl
@@ -22,7 +16,6 @@ from urllib.parse import parse_qsl
 import msgspec
 
 from robotree.protocol.errors import BadUrl
-from robotree.protocol.links.sockets import name
 
 if TYPE_CHECKING:
     from robotree.protocol.links.link import Accept, Handler, Link, Listener
@@ -82,9 +75,9 @@ class Url(msgspec.Struct, frozen=True):
         Raises:
             BadUrl: one is not.
         """
-        for each in self.options:
-            if each not in known:
-                raise BadUrl(self.text, f"option {each!r} is unknown; there is {', '.join(known) or 'none'}")
+        for name in self.options:
+            if name not in known:
+                raise BadUrl(self.text, f"option {name!r} is unknown; there is {', '.join(known) or 'none'}")
         return self.options
 
 
@@ -195,38 +188,3 @@ async def listen(url: str | Url, accept: Accept, *, exposed: bool = False) -> Li
     """
     taken = parse(url) if isinstance(url, str) else url
     return await _module(taken).listen_url(taken, _naming(taken, accept), exposed=exposed)
-
-
-ANY_PORT = (1024, 34567, 65535)
-"""Ports of which a listener may take some when it is told to take any."""
-
-
-def names(text: str) -> list[str]:
-    """The names that the controller at an address has, or may have; see `Link.controller`.
-
-    Args:
-        text: the address, as it is handed to `connect` or `listen`.
-
-    Returns:
-        One of these will be its name. Empty: the host has no address, so there will be no link.
-
-    Raises:
-        BadUrl: the address means nothing.
-    """
-    url = parse(text)
-    if url.controller:
-        return [url.controller]
-    if url.scheme == "serial":
-        from robotree.protocol.links import serial
-
-        return [str(serial.read(url))]
-    if url.scheme == "can":
-        from robotree.protocol.links.can import address
-
-        return [str(address.read(url)).partition("&")[0]]
-    host, port = url.host_and_port()
-    found: list[str] = []
-    with suppress(OSError):
-        all_found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        found = list(dict.fromkeys(str(one[4][0]) for one in all_found))
-    return [name(url.scheme, (one, each)) for one in found for each in ((port,) if port else ANY_PORT)]

@@ -9,8 +9,8 @@ import getpass
 import sys
 from pathlib import Path
 
-from robotree.protocol.links.keyring import Keyring, create
-from robotree.protocol.links.url import SCHEMES, names
+from robotree.protocol.links.keyring import Keyring, create, names
+from robotree.protocol.links.url import SCHEMES
 from robotree.tui import exit_codes
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line.grammar import Line

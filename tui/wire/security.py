@@ -18,9 +18,8 @@ from pathlib import Path
 from robotree.files import private_folder
 from robotree.protocol.errors import KeyFileError
 from robotree.protocol.links.heard import HeardFile
-from robotree.protocol.links.keyring import Keyring, create
+from robotree.protocol.links.keyring import Keyring, create, names
 from robotree.protocol.links.security import UNSIGNED, LinkSecurity, Security, persisting
-from robotree.protocol.links.url import names
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.realm import chosen, folder_of
 from robotree.vr.network.realms import common_folder, places
