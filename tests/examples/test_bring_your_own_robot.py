@@ -55,7 +55,7 @@ def test_every_file_that_the_guide_points_to_is_there() -> None:
 
 
 pytestmark = pytest.mark.e2e
-CONTROLLER = Path(__file__).parents[3] / "examples" / "controller_py" / "controller.py"
+CONTROLLER = ROOT / "examples" / "controller_py" / "controller.py"
 LINES = 113
 """Lines of code; blank ones and the first words do not count."""
 
