@@ -29,6 +29,11 @@ ARM = Address("robot", "arm-1", "1")
 SPARE = Address("robot", "arm-2", "1")
 
 
+@pytest.fixture
+def child() -> GrantedLease:
+    return free_lease()
+
+
 def free_lease() -> GrantedLease:
     return GrantedLease.free("mover", term=5.0, unix=BORN)
 
@@ -44,8 +49,7 @@ def grant(
     return child.petition(parent, slot, (parent.name,), wanted, now=now, unix=BORN + now).epoch
 
 
-def test_a_silent_parent_loses_the_robot_when_the_term_is_over() -> None:
-    child = free_lease()
+def test_a_silent_parent_loses_the_robot_when_the_term_is_over(child: GrantedLease) -> None:
     grant(child)
     assert child.tick(4.999, BORN) is None
     ended = child.tick(5.0, BORN)
@@ -87,24 +91,21 @@ def holder(process: int) -> Principal:
     return Principal(user="anna", process=process, agent=LEVER.key)
 
 
-def test_a_late_petition_of_an_earlier_incarnation_does_not_take_the_robot() -> None:
-    child = free_lease()
+def test_a_late_petition_of_an_earlier_incarnation_does_not_take_the_robot(child: GrantedLease) -> None:
     epoch = grant(child, Address("robot", "lever", "2"))
     with pytest.raises(LeaseDenied):
         grant(child, LEVER, now=1.0)
     child.check(epoch, 1.0)
 
 
-def test_a_parent_that_renews_keeps_the_robot() -> None:
-    child = free_lease()
+def test_a_parent_that_renews_keeps_the_robot(child: GrantedLease) -> None:
     epoch = grant(child)
     for now in range(1, 100):
         assert child.renew(LEVER, epoch, ("lever",), now=float(now)).epoch == epoch
     assert child.tick(103.9, BORN) is None
 
 
-def test_the_child_decides_the_term() -> None:
-    child = free_lease()
+def test_the_child_decides_the_term(child: GrantedLease) -> None:
     grant(child, wanted=60.0)
     assert child.term_granted == 5.0
     child.end(BORN)
@@ -112,8 +113,7 @@ def test_the_child_decides_the_term() -> None:
     assert child.term_granted == 1.0
 
 
-def test_a_petition_taken_back_is_undone_whether_it_came_or_not() -> None:
-    child = free_lease()
+def test_a_petition_taken_back_is_undone_whether_it_came_or_not(child: GrantedLease) -> None:
     granted = child.petition(LEVER, "mover", ("lever",), 5.0, now=0.0, unix=BORN, key="k1")
     assert child.retract(OTHER, "k1", unix=BORN) is None, "it is not the other's to take back"
     assert child.retract(LEVER, "k1", unix=BORN) == granted
@@ -132,8 +132,7 @@ def test_a_petition_taken_back_is_undone_whether_it_came_or_not() -> None:
     assert len(child.retracted) == MOST_RETRACTED
 
 
-def test_a_second_parent_is_told_of_the_first() -> None:
-    child = free_lease()
+def test_a_second_parent_is_told_of_the_first(child: GrantedLease) -> None:
     grant(child)
     with pytest.raises(
         LeaseDenied, match=r"mover is already enslaved by lever; .*`robotree release lever.mover`"
@@ -143,8 +142,7 @@ def test_a_second_parent_is_told_of_the_first() -> None:
         grant(child, LEVER, slot="second")
 
 
-def test_a_petition_sent_twice_is_granted_anew() -> None:
-    child = free_lease()
+def test_a_petition_sent_twice_is_granted_anew(child: GrantedLease) -> None:
     first = grant(child)
     second = grant(child, now=1.0)
     assert second > first
@@ -153,8 +151,7 @@ def test_a_petition_sent_twice_is_granted_anew() -> None:
     child.check(second, 0.0)
 
 
-def test_a_lease_that_is_over_cannot_be_renewed_even_before_anybody_noticed() -> None:
-    child = free_lease()
+def test_a_lease_that_is_over_cannot_be_renewed_even_before_anybody_noticed(child: GrantedLease) -> None:
     epoch = grant(child)
     with pytest.raises(StaleEpoch):
         child.renew(LEVER, epoch, ("lever",), now=5.0)
@@ -162,8 +159,7 @@ def test_a_lease_that_is_over_cannot_be_renewed_even_before_anybody_noticed() ->
     assert child.current is None
 
 
-def test_epochs_grow_with_each_grant_and_each_end() -> None:
-    child = free_lease()
+def test_epochs_grow_with_each_grant_and_each_end(child: GrantedLease) -> None:
     seen = [child.epoch]
     for _ in range(3):
         seen.append(grant(child))
@@ -172,17 +168,15 @@ def test_epochs_grow_with_each_grant_and_each_end() -> None:
     assert seen == sorted(set(seen))
 
 
-def test_a_later_incarnation_begins_above_all_epochs_of_an_earlier_one() -> None:
+def test_a_later_incarnation_begins_above_all_epochs_of_an_earlier_one(child: GrantedLease) -> None:
     """Unless it was granted more than once a second for all its life."""
-    child = free_lease()
     for now in range(1, 100):
         grant(child, now=float(now))
         child.end(BORN + now)
     assert GrantedLease.free("mover", unix=BORN + 200).epoch > child.epoch
 
 
-def test_whose_clock_was_set_back_goes_above_what_the_controller_obeys() -> None:
-    child = free_lease()
+def test_whose_clock_was_set_back_goes_above_what_the_controller_obeys(child: GrantedLease) -> None:
     ahead = child.epoch + 3600
     child.note_obeyed(ahead)
     assert child.epoch > ahead, "an operator commands a free robot under it"
@@ -207,9 +201,8 @@ def test_a_lease_keeps_its_epoch_though_the_controller_obeys_a_later_one() -> No
         assert child.epoch > epoch + 3600, "to ask again helps, and so does the end of it"
 
 
-def test_an_epoch_that_goes_above_ours_is_left_alone_until_a_parent_asks() -> None:
+def test_an_epoch_that_goes_above_ours_is_left_alone_until_a_parent_asks(child: GrantedLease) -> None:
     """Somebody else has it from another proxy of the same controller."""
-    child = free_lease()
     child.note_obeyed(0)
     theirs = child.epoch + 1000
     child.note_obeyed(theirs)
@@ -222,8 +215,7 @@ def test_an_epoch_that_goes_above_ours_is_left_alone_until_a_parent_asks() -> No
     assert not child.outranked
 
 
-def test_the_end_of_a_lease_goes_not_above_somebody_elses() -> None:
-    child = free_lease()
+def test_the_end_of_a_lease_goes_not_above_somebody_elses(child: GrantedLease) -> None:
     child.note_obeyed(0)
     child.note_obeyed(grant(child) + 1000)
     before = child.epoch
@@ -232,8 +224,7 @@ def test_the_end_of_a_lease_goes_not_above_somebody_elses() -> None:
     assert child.outranked
 
 
-def test_who_may_command() -> None:
-    child = free_lease()
+def test_who_may_command(child: GrantedLease) -> None:
     child.check(None, 0.0)
     with pytest.raises(StaleEpoch):
         child.check(child.epoch, 0.0)  # an epoch is a parent's, and there is none
@@ -249,8 +240,7 @@ def test_who_may_command() -> None:
         child.check(epoch, 0.0)
 
 
-def test_only_the_holder_can_release() -> None:
-    child = free_lease()
+def test_only_the_holder_can_release(child: GrantedLease) -> None:
     epoch = grant(child)
     assert child.release(OTHER, epoch, unix=BORN) is None
     assert child.release(LEVER, epoch - 1, unix=BORN) is None
@@ -259,8 +249,7 @@ def test_only_the_holder_can_release() -> None:
     assert child.release(LEVER, epoch, unix=BORN) is None
 
 
-def test_nobody_is_bound_to_itself_or_to_a_descendant() -> None:
-    child = free_lease()
+def test_nobody_is_bound_to_itself_or_to_a_descendant(child: GrantedLease) -> None:
     with pytest.raises(CycleOfBonds, match=r"mover cannot enslave mover"):
         child.petition(Address("robot", "mover", "1"), "slot", ("mover",), 5.0, now=0, unix=BORN)
     with pytest.raises(CycleOfBonds, match=r"lever cannot enslave mover: .*\(top > mover > lever\)"):
@@ -268,8 +257,7 @@ def test_nobody_is_bound_to_itself_or_to_a_descendant() -> None:
     assert child.current is None
 
 
-def test_a_cycle_that_closed_elsewhere_opens_at_the_next_renewal() -> None:
-    child = free_lease()
+def test_a_cycle_that_closed_elsewhere_opens_at_the_next_renewal(child: GrantedLease) -> None:
     epoch = grant(child)
     with pytest.raises(CycleOfBonds):
         child.renew(LEVER, epoch, ("mover", "lever"), now=1.0)

@@ -26,6 +26,8 @@ from robotree.vr.base.errors import (
 from robotree.vr.space.memory import MemoryStore
 from robotree.vr.space.service import SpaceService
 
+pytestmark = pytest.mark.usefixtures("space")
+
 
 @dataclass(frozen=True)
 class Task:
@@ -171,6 +173,16 @@ async def space(realm: Any) -> AsyncIterator[SpaceService]:
     await service.close()
 
 
+@pytest.fixture
+async def one(realm: Any) -> Any:
+    return await realm.start(Worker("one"))
+
+
+@pytest.fixture
+async def other(realm: Any) -> Any:
+    return await realm.start(Worker("other"))
+
+
 async def start(realm: Any, name: str) -> SpaceService:
     loop = asyncio.get_running_loop()
     service = SpaceService(realm.network.join(name), name, MemoryStore(name, loop.time))
@@ -182,9 +194,7 @@ async def call(realm: Any, agent: Any, name: str, **arguments: Any) -> Any:
     return await realm.client(agent).call(name, arguments)
 
 
-@pytest.mark.usefixtures("space")
-async def test_what_a_robot_writes_another_one_takes(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
+async def test_what_a_robot_writes_another_one_takes(realm: Any, one: Any, other: Any) -> None:
     await call(realm, one, "put", place="hall", weight=2.5)
     await call(realm, one, "put", place="door")
     assert await call(realm, other, "look") == ["Delivery hall", "Delivery door"]
@@ -193,9 +203,7 @@ async def test_what_a_robot_writes_another_one_takes(realm: Any) -> None:
     assert await call(realm, other, "fetch") == "none"
 
 
-@pytest.mark.usefixtures("space")
-async def test_a_take_waits_for_an_entry(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
+async def test_a_take_waits_for_an_entry(realm: Any, one: Any, other: Any) -> None:
     began = realm.runner.now()
     taking = asyncio.create_task(call(realm, other, "fetch", place="hall", within=20))
     await asyncio.sleep(3)
@@ -207,9 +215,7 @@ async def test_a_take_waits_for_an_entry(realm: Any) -> None:
     assert realm.runner.now() - began == pytest.approx(8, abs=0.5)
 
 
-@pytest.mark.usefixtures("space")
-async def test_a_cancel_ends_a_take_and_takes_nothing(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
+async def test_a_cancel_ends_a_take_and_takes_nothing(realm: Any, one: Any, other: Any) -> None:
     taking = asyncio.create_task(call(realm, other, "fetch", within=50))
     await asyncio.sleep(1)
     await realm.client(other).cancel()
@@ -219,9 +225,7 @@ async def test_a_cancel_ends_a_take_and_takes_nothing(realm: Any) -> None:
     assert await call(realm, one, "look") == ["Delivery hall"]
 
 
-@pytest.mark.usefixtures("space")
-async def test_a_robot_that_dies_while_it_waits_takes_nothing(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
+async def test_a_robot_that_dies_while_it_waits_takes_nothing(realm: Any, one: Any, other: Any) -> None:
     taking = asyncio.create_task(call(realm, other, "fetch", within=50))
     await asyncio.sleep(1)
     realm.kill(other)
@@ -231,9 +235,7 @@ async def test_a_robot_that_dies_while_it_waits_takes_nothing(realm: Any) -> Non
     assert await call(realm, one, "look") == ["Delivery hall"]
 
 
-@pytest.mark.usefixtures("space")
-async def test_a_transaction_is_all_or_nothing(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
+async def test_a_transaction_is_all_or_nothing(realm: Any, one: Any, other: Any) -> None:
     await call(realm, one, "put", place="hall")
     with pytest.raises(CommandFailed, match="a mistake of the page"):
         await call(realm, other, "exchange", fail=True)
@@ -247,18 +249,14 @@ async def test_a_transaction_is_all_or_nothing(realm: Any) -> None:
     assert await call(realm, one, "report") == "did hall"
 
 
-@pytest.mark.usefixtures("space")
-async def test_a_transaction_that_lasts_too_long_has_done_nothing(realm: Any) -> None:
-    one = await realm.start(Worker("one"))
+async def test_a_transaction_that_lasts_too_long_has_done_nothing(realm: Any, one: Any) -> None:
     await call(realm, one, "put", place="hall")
     with pytest.raises(TransactionOver, match="all of it was taken back"):
         await call(realm, one, "exchange", seconds=11)
     assert await call(realm, one, "look") == ["Delivery hall"]
 
 
-@pytest.mark.usefixtures("space")
-async def test_a_notification_is_a_hint(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
+async def test_a_notification_is_a_hint(realm: Any, one: Any, other: Any) -> None:
     await call(realm, one, "put", place="hall")  # before: no hint
     listening = asyncio.create_task(call(realm, other, "listen", times=2))
     await asyncio.sleep(1)
@@ -271,9 +269,7 @@ async def test_a_notification_is_a_hint(realm: Any) -> None:
     assert await call(realm, other, "listen", times=1) == 0, "its time is over"
 
 
-@pytest.mark.usefixtures("space")
-async def test_a_holder_that_dies_lets_go(realm: Any) -> None:
-    one, other = await realm.start(Worker("one")), await realm.start(Worker("other"))
+async def test_a_holder_that_dies_lets_go(realm: Any, one: Any, other: Any) -> None:
     holding = asyncio.create_task(call(realm, one, "hold", seconds=50, ttl=50))
     await asyncio.sleep(1)
     realm.kill(one)
@@ -282,7 +278,6 @@ async def test_a_holder_that_dies_lets_go(realm: Any) -> None:
     assert await call(realm, other, "hold", seconds=0, within=5) == 2
 
 
-@pytest.mark.usefixtures("space")
 @pytest.mark.parametrize(
     ("what", "error", "text"),
     [
@@ -297,45 +292,39 @@ async def test_a_holder_that_dies_lets_go(realm: Any) -> None:
     ],
 )
 async def test_an_error_says_whose_fault_it_is(
-    realm: Any, what: str, error: type[Exception], text: str
+    realm: Any, what: str, error: type[Exception], text: str, one: Any
 ) -> None:
-    one = await realm.start(Worker("one"))
     answer = await call(realm, one, "try_it", what=what)
     assert answer.startswith(f"{error.__name__}: ")
     assert text in answer
 
 
-@pytest.mark.usefixtures("space")
-async def test_an_entry_can_be_a_template(realm: Any) -> None:
-    one = await realm.start(Worker("one"))
+async def test_an_entry_can_be_a_template(realm: Any, one: Any) -> None:
     assert await call(realm, one, "try_it", what="instance") == "Delivery(place='hall', weight=2.0)"
 
 
-async def test_an_entry_of_another_version_stays(realm: Any, space: SpaceService) -> None:
-    one = await realm.start(Worker("one"))
+async def test_an_entry_of_another_version_stays(realm: Any, space: SpaceService, one: Any) -> None:
     answer = await call(realm, one, "try_it", what="unfit")
     assert answer.startswith(f"{EntryUnfit.__name__}: an entry of kind Delivery does not fit")
     assert "Expected `float`, got `str`" in answer
     assert [each.entry.kind for each in space._store.contents("", 9).entries] == ["Delivery"]
 
 
-async def test_without_a_space_the_error_says_how_to_start_one(realm: Any) -> None:
+async def test_without_a_space_the_error_says_how_to_start_one(realm: Any, space: SpaceService) -> None:
+    await space.close()
     one = await realm.start(Worker("one"))
     with pytest.raises(NoSpace, match="no space runs in this realm; start one: `robotree space serve jobs`"):
         await call(realm, one, "fetch")
 
 
-@pytest.mark.usefixtures("space")
-async def test_of_several_spaces_one_is_named(realm: Any) -> None:
+async def test_of_several_spaces_one_is_named(realm: Any, one: Any) -> None:
     other = await start(realm, "plans")
-    one = await realm.start(Worker("one"))
     with pytest.raises(SeveralSpaces, match=r"\(jobs, plans\); say which: self\.space\['jobs'\]"):
         await call(realm, one, "fetch")
     await other.close()
 
 
-async def test_a_space_that_dies_is_named(realm: Any, space: SpaceService) -> None:
-    one = await realm.start(Worker("one"))
+async def test_a_space_that_dies_is_named(realm: Any, space: SpaceService, one: Any) -> None:
     taking = asyncio.create_task(call(realm, one, "fetch", within=50))
     await asyncio.sleep(1)
     realm.network.kill(space._transport)
