@@ -1,7 +1,7 @@
 """Ends code that computes without ever waiting: in virtual time nothing else would run beside it, for ever.
 
 In a real process such code is interrupted and abandoned; a rehearsal has one thread, so another one watches
-its processor time and raises an error in it, as `running.interruptible` does.
+its processor time and raises an error in it, as `running.runner` does.
 """
 
 from __future__ import annotations

@@ -43,11 +43,10 @@ from robotree.vr.network.realms import keys_of
 from robotree.vr.network.refusals import Refusals
 from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.running import log, process, robot_runtime, runner
-from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.log import Log
 from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.robot_runtime import RobotRuntime
-from robotree.vr.running.runner import SerialWorker
+from robotree.vr.running.runner import Interrupted, SerialWorker
 from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner, virtual_runner
 from tests.world.machine import Machine

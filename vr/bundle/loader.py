@@ -34,8 +34,8 @@ from robotree.vr.base.extras import lack_of
 from robotree.vr.bundle.package import PREFIX, Package, package_of
 from robotree.vr.bundle.refused import mistakes
 from robotree.vr.bundle.syntax import TOO_DEEP, line_of, slots_at
-from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
 from robotree.vr.running.page_trace import authors_file, file_in_tracebacks
+from robotree.vr.running.runner import Interrupted, InterruptibleThread
 
 LIMIT = 5.0
 """[s] for a source to run."""

@@ -25,12 +25,12 @@ from robotree.vr.author.together import Group, Started
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, VrError
 from robotree.vr.core import events as on
 from robotree.vr.running.ice import GoneOn
-from robotree.vr.running.interruptible import Interrupted
 from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
 from robotree.vr.running.replay import Replay, words_of_step
 from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.run import HeldStep, Run
+from robotree.vr.running.runner import Interrupted
 
 GRACE = 1.0
 """[s] between a cancel and the interruption of code that does not listen, and between two interruptions."""

@@ -26,8 +26,7 @@ from robotree.vr.author.context import commander_here
 from robotree.vr.base.address import Address
 from robotree.vr.core.events import CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState
-from robotree.vr.running.interruptible import Interrupted
-from robotree.vr.running.runner import Runner, Threads
+from robotree.vr.running.runner import Interrupted, Runner, Threads
 
 IDLE = 2.0
 """[s] after which a thread ends that has nothing to do."""

@@ -18,7 +18,7 @@ from robotree.vr import Robot, VrError, command
 from robotree.vr.base.errors import CommandCancelled, DeadlineExceeded, StillRunning
 from robotree.vr.base.requests import State, decode_event
 from robotree.vr.running.frame import ATTEMPTS
-from robotree.vr.running.interruptible import Interrupted, InterruptibleThread
+from robotree.vr.running.runner import Interrupted, InterruptibleThread
 from tests.vr.core.conftest import REAL_GRACE
 
 pytestmark = pytest.mark.real_threads
