@@ -87,7 +87,7 @@ soak: $(STAMP) $(NODE_READY)  ## the slow tests, one on a fresh Debian testing, 
 	$(BIN)/python -m tests.durability.campaign --seed $(SEED)
 	$(BIN)/python -m tests.laboratory.campaign --seed $(SEED)
 	$(BIN)/python -m tests.soak --seed $(SEED) $(QUICK)
-	$(BIN)/python -m tests.world.many $(SEEDS_FOR) seeds.log
+	$(BIN)/python -m tests.world.families $(SEEDS_FOR) seeds.log
 
 interop: $(STAMP) $(INTEROP)/.ready  ## drive the simulated arm with the real MAVProxy and MAVSDK; Foxglove's SDK, data sets
 	$(BIN)/python -m pytest -m interop tests/interop

@@ -48,7 +48,7 @@ from robotree.sim.controller.controller import Inbox, Received
 from robotree.sim.firmware import Firmware
 from robotree.sim.firmware.stops import stop_asked_by
 from robotree.sim.testing import NAN, ArmBench, Operator, RoverBench
-from tests.world.controller import Cart
+from tests.world.realm import Cart
 
 AWAY = (0.35, -0.25, 0.35, 0.5)
 

@@ -24,7 +24,7 @@ from robotree.vr.exchange.client import HostClient, RobotClient
 from robotree.vr.supervision.realm_client import CALLER, RealmClient
 from robotree.vr.world.world import World
 from tests.world.keeping import MOMENTS, RETURNS, KeepingRealm
-from tests.world.machine_world import errors_kept, tell
+from tests.world.machine import errors_kept, tell
 from tests.world.realm import CartProxy, lease_of
 from tests.world.story import Deeds, Judge, Judged
 

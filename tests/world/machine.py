@@ -7,21 +7,31 @@ in `Trouble` (`kernel.py`), and in what a story does: `end`, `links_between`, `l
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import hashlib
 import itertools
+import logging
 import os
 import stat
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from types import ModuleType
+from typing import Any, Protocol, Self, TypeVar, cast
 
 from robotree.files import forks
+from robotree.vr.network import local
+from robotree.vr.network.door import RESERVE
+from robotree.vr.network.link import Topic
+from robotree.vr.network.mesh import Mesh
 from robotree.vr.world.disk import fail
 from robotree.vr.world.virtual_runner import VirtualLock, VirtualProcess, VirtualRunner
-from tests.world.kernel import Descriptors, Kernel
-from tests.world.machine_sockets import CAPACITY, SimulatedEpoll, SimulatedSocket
+from robotree.vr.world.world import Main, SimulatedProcess, World
+from tests.world.kernel import CAPACITY, Descriptors, Kernel, SimulatedEpoll, SimulatedSocket
+from tests.world.points import at_every_statement
 
 USER = os.geteuid()
 """Of all processes: the one that owns this realm."""
@@ -394,3 +404,185 @@ class SimulatedSystem(Descriptors):
         for end in (one, other):
             if machine.happens(machine.trouble.small):
                 end.capacity = machine.random.choice([64, 500, 5000])
+
+
+ROOT = Path("/run/realms")
+"""Where the realms of a simulated machine lie."""
+
+REALM = "r"
+
+
+class MachineProcess(SimulatedProcess):
+    """One process of a simulated machine. It has a transport from the moment when it has joined the realm."""
+
+    world: MachineWorld
+    system: SimulatedSystem
+    transport: local.LocalTransport  # type: ignore[assignment] # over another network
+    joined = False
+    """Whether it has entered the realm."""
+
+    def _boot(self) -> None:
+        self.system = self.loop.system = self.world.machine.boot(self.runner)
+
+    def _stand_still(self) -> None:
+        """Its descriptors stay open."""
+
+    def _go_on(self) -> None:
+        """What has come meanwhile lies in its sockets."""
+
+    def _let_go(self) -> None:
+        self.world.machine.end(self.runner)
+
+    def _run(self, main: Main) -> None:
+        async def whole(process: SimulatedProcess) -> None:
+            self.transport = await local.join(REALM, root=ROOT)
+            self.joined = True
+            await main(process)
+
+        super()._run(whole)
+        for action in self.system.exits:
+            action()
+
+
+class MachineWorld(World):
+    """A World whose processes live on one machine."""
+
+    process_class = MachineProcess
+
+    def __init__(self, seed: int) -> None:
+        """Begin with nobody."""
+        super().__init__(seed)
+        self.machine = Machine(self.runner, seed)
+        self.logged: list[str] = []
+        """Errors that robotree has logged: faults, if there are any."""
+
+    def __enter__(self) -> Self:
+        self._stack.enter_context(errors_kept(self.logged))
+        return super().__enter__()
+
+    @property
+    def digest(self) -> str:
+        """See `World.digest`; it covers each byte that was sent."""
+        machine = self.machine
+        whole = f"{super().digest} {machine.checksum} {machine.calls} {self.runner.preemption.count}"
+        return hashlib.blake2b(whole.encode(), digest_size=16).hexdigest()
+
+
+class Told(Protocol):
+    """A story that happens, and is judged."""
+
+    def tell(self) -> None:
+        """Let it all happen."""
+        ...
+
+    def complain(self, law: str) -> None:
+        """Note that a law is broken."""
+        ...
+
+
+TheStory = TypeVar("TheStory", bound=Told)
+
+
+def tell(story: Told) -> None:
+    """Let a story happen; what it raises is a fault of the program, which its seed has found."""
+    try:
+        story.tell()
+    except Exception as error:  # noqa: BLE001 # as said above
+        story.complain(f"raised: {type(error).__name__}: {error}")
+
+
+def play_on_machine(
+    make: Callable[[int, MachineWorld], TheStory], seed: int, among: tuple[ModuleType, ...]
+) -> tuple[str, TheStory]:
+    """Play one seed of a story to its end.
+
+    Args:
+        make: the story, which takes the seed and its world.
+        seed: of everything.
+        among: modules in which a thread can lose the processor before every statement.
+
+    Returns:
+        The digest of its trace, and the story.
+    """
+    with MachineWorld(seed) as world, at_every_statement(among, world.runner.point):
+        story = make(seed, world)
+        tell(story)
+        return world.digest, story
+
+
+@contextlib.contextmanager
+def errors_kept(lines: list[str]) -> Generator[None]:
+    """Keep what robotree logs as an error inside the block, instead of printing it."""
+    log, keeper = logging.getLogger("robotree"), _Keeper(lines)
+    level, log.propagate = log.level, False
+    log.setLevel(logging.ERROR)
+    log.addHandler(keeper)
+    try:
+        yield
+    finally:
+        log.removeHandler(keeper)
+        log.setLevel(level)
+        log.propagate = True
+
+
+class _Keeper(logging.Handler):
+    """Keeps what is logged as an error, with the end of its traceback."""
+
+    def __init__(self, lines: list[str]) -> None:
+        super().__init__(logging.ERROR)
+        self._lines = lines
+
+    def emit(self, record: logging.LogRecord) -> None:
+        trace = traceback.format_exception(*record.exc_info)[-3:] if record.exc_info else []
+        self._lines.append(f"{record.name}: {record.getMessage()}{''.join(trace)}")
+
+
+OWN = 3
+"""Sockets of a process that are no connections: the one on which it listens, and two to wake its readers."""
+
+
+def network_is_whole(processes: Iterable[MachineProcess]) -> Iterator[str]:
+    """Yield what is wrong: everybody hears everybody, with one picture of who is there, and nothing leaks."""
+    alive = [process for process in processes if process.alive and process.joined]
+    meshes = {process.transport.mesh.place.tag: process.transport.mesh for process in alive}
+    held = sorted({key for mesh in meshes.values() for key in mesh._known[Topic.HOLDS]})
+    for process in alive:
+        mesh = process.transport.mesh
+        sees = (*_sees_otherwise(mesh, set(meshes), held), *_knows_otherwise(mesh, meshes))
+        for wrong in (*sees, *_leaks(process, len(alive))):
+            yield f"{process.name} {wrong}"
+
+
+def _sees_otherwise(mesh: Mesh, tags: set[str], held: list[str]) -> Iterator[str]:
+    others = tags - {mesh.place.tag}
+    awake = {tag for tag, peer in mesh._peers.items() if peer.awake}
+    if awake != others or set(mesh._peers) != others:
+        yield f"knows {sorted(mesh._peers)}, and there are {sorted(others)}"
+    if mesh.presence.keys("**") != held:
+        yield f"sees {mesh.presence.keys('**')}, and there is {held}"
+    if {entry.key for entry in mesh.held("**")} != set(held):
+        yield "finds other keys in the record than there are"
+    if late := mesh.presence.late("**"):
+        yield f"finds others late: {late}"
+    if waiting := [number for peer in mesh._peers.values() for number in peer.exchanges]:
+        yield f"still waits for the replies to {len(waiting)} requests"
+
+
+def _knows_otherwise(mesh: Mesh, meshes: dict[str, Mesh]) -> Iterator[str]:
+    """Each knows what the others serve, are present under, and want to hear."""
+    for tag, peer in mesh._peers.items():
+        for topic, keys in peer.known.items():
+            there = set(meshes[tag]._known[topic]) if tag in meshes else set()
+            if keys != there:
+                yield f"knows of {tag} under {topic.name} {sorted(keys)}, and there is {sorted(there)}"
+    served = {key: tag for tag, peer in mesh._peers.items() for key in peer.known[Topic.SERVES]}
+    if {key: peer.tag for key, peer in mesh._where.items()} != served:
+        yield "would send requests elsewhere than they are served"
+
+
+def _leaks(process: MachineProcess, members: int) -> Iterator[str]:
+    ends = process.system.descriptors.values()
+    sockets = sum(isinstance(end, SimulatedSocket) for end in ends)
+    files = len(ends) - sockets - 1  # one is what it waits with
+    if sockets != OWN + 2 * (members - 1) or not 1 + RESERVE <= files <= RESERVE + members:
+        yield f"has {sockets} sockets and {files} files open among {members} processes"

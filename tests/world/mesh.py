@@ -25,11 +25,16 @@ from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.realms import SOCKET
 from robotree.vr.world.virtual_runner import VirtualProcess
 from robotree.vr.world.world import SimulatedProcess
-from tests.world.kernel import MOST_DESCRIPTORS, STANDARD, Trouble
-from tests.world.laws import network_is_whole
-from tests.world.machine import SimulatedSystem
-from tests.world.machine_sockets import SimulatedSocket
-from tests.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld, play_on_machine
+from tests.world.kernel import MOST_DESCRIPTORS, STANDARD, SimulatedSocket, Trouble
+from tests.world.machine import (
+    REALM,
+    ROOT,
+    MachineProcess,
+    MachineWorld,
+    SimulatedSystem,
+    network_is_whole,
+    play_on_machine,
+)
 
 LENGTH, CALM, PROBE = 11.0, 6.0, 10.0
 """[s] of a story; from when on nothing goes wrong any more; when each asks each."""

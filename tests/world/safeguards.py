@@ -1,4 +1,7 @@
-"""The safeguards of robotree, each with the one place where it is, so that a test can take it away."""
+"""The safeguards and locks of robotree, each with the one place where it is, so that a test can take it away.
+
+As a plugin of pytest it has the tests run without the one that the environment names (`VARIABLE`).
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,8 @@ from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 import robotree.tui.line.groups
 import robotree.vr.core.machine
@@ -38,6 +43,7 @@ from robotree.vr.agents.taker import OrderTaker
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import DamagedJournal, NotInControl
 from robotree.vr.base.order import Order, OrderHold
+from robotree.vr.base.presence import Presence
 from robotree.vr.base.requests import Accepted, Call, Raised, Returned, encode
 from robotree.vr.core import events as on
 from robotree.vr.core.bonds import GrantedLease, HeldLease, Lease
@@ -61,20 +67,23 @@ from robotree.vr.network.door import Door
 from robotree.vr.network.link import LinkFrame, PeerLink
 from robotree.vr.network.mesh import Mesh
 from robotree.vr.network.readers import Readers
+from robotree.vr.network.refusals import Refusals
 from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.orders.ledger import LedgerEntry
 from robotree.vr.running.child_call import ChildCall
 from robotree.vr.running.frame import Frame
+from robotree.vr.running.log import Log
+from robotree.vr.running.process import Process, Worker
 from robotree.vr.running.replay import Replay
 from robotree.vr.running.robot_runtime import RobotRuntime
+from robotree.vr.running.runner import SerialWorker
 from robotree.vr.scripts.happening import PersonAsked
 from robotree.vr.scripts.run import ScriptRun
 from robotree.vr.sites.gateway import Gateway
 from robotree.vr.sites.site import Site
 from robotree.vr.sites.stopping import SiteStops
 from robotree.vr.supervision.releases import Releases
-from tests.world import locks
-from tests.world.locks import LOCKS
+from robotree.vr.world.virtual_runner import VirtualLock
 
 
 @dataclass(frozen=True)
@@ -264,6 +273,39 @@ def _untold(self: Frame, path: str, step: on.StepResult) -> None:
         _keep_step(self, path, step)
 
 
+class _Open:
+    """A lock that excludes nobody; threads can lose the processor at it all the same."""
+
+    def __init__(self, lock: VirtualLock) -> None:
+        self._runner = lock.runner
+
+    def acquire(self, blocking: bool = True) -> bool:  # noqa: FBT001, FBT002 # as `threading.Lock`
+        del blocking
+        self._runner.point()
+        return True
+
+    def release(self) -> None:
+        self._runner.point()
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+def _lock(owner: type, name: str) -> Safeguard:
+    """Return a lock, an attribute of the objects of a class: without it, it excludes nobody."""
+
+    def get(one: Any) -> Any:
+        return one.__dict__[name]
+
+    def put(one: Any, value: Any) -> None:
+        one.__dict__[name] = _Open(value)
+
+    return Safeguard(owner, name, property(get, put))
+
+
 SAFEGUARDS = {
     "a robot moves for its operator alone": (Safeguard(RobotControl, "expect", lambda *_: None),),
     "an attended command ends without a key": (Safeguard(robotree.vr.core.machine, "ATTENTION", 1e9),),
@@ -423,16 +465,29 @@ SAFEGUARDS = {
         Safeguard(Mesh, "_await_greetings", lambda *_: None),
     ),
     "descriptors are kept in reserve": (Safeguard(Door, "_fill_reserve", lambda _: None),),
+    "the state of a robot": (_lock(RobotRuntime, "_lock"),),
+    "the timers of a process": (_lock(Process, "_lock"),),
+    "interruptions of a worker": (_lock(Worker, "guard"),),
+    "the work of a serial worker": (_lock(SerialWorker, "_lock"),),
+    "the callers of a robot": (_lock(Callers, "_lock"),),
+    "calls that wait for a host": (_lock(OutsideCalls, "_lock"),),
+    "what a journal was told": (_lock(HostJournal, "_lock"),),
+    "the file of a journal": (_lock(HostJournal, "_writing"),),
+    "the syncs of a journal": (_lock(HostJournal, "_syncing"),),
+    "the log of a robot": (_lock(Log, "_lock"),),
+    "the queues of a connection": (_lock(PeerLink, "_lock"),),
+    "the peers of a mesh": (_lock(Mesh, "_lock"),),
+    "the files of a process": (_lock(Rendezvous, "_lock"),),
+    "the number of readers": (_lock(Readers, "_counting"),),
+    "the one who reads": (_lock(Readers, "_reading"),),
+    "refusals": (_lock(Refusals, "_lock"),),
+    "the table of presence": (_lock(Presence, "_lock"),),
 }
 
 
 @contextlib.contextmanager
 def without(safeguard: str) -> Generator[None]:
-    """Take one safeguard away inside the block, or the lock of `LOCKS`."""
-    if safeguard in LOCKS:
-        with locks.without(safeguard):
-            yield
-        return
+    """Take one safeguard or lock away inside the block."""
     with contextlib.ExitStack() as stack:
         for one in SAFEGUARDS[safeguard]:
             before = vars(one.place).get(one.name)
@@ -441,4 +496,13 @@ def without(safeguard: str) -> Generator[None]:
                 stack.callback(delattr, one.place, one.name)
             else:
                 stack.callback(setattr, one.place, one.name, before)
+        yield
+
+
+VARIABLE = "WITHOUT_SAFEGUARD"
+
+
+@pytest.fixture(autouse=True)
+def _without_a_safeguard() -> Generator[None]:
+    with without(os.environ[VARIABLE]):
         yield

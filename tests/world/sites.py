@@ -196,8 +196,11 @@ def realm_keys() -> Generator[Path]:
 class Realm:
     """All processes of a story."""
 
+    judge_class: type[Judge] = Judge
+    rover_class: type[Rover] = Rover
+
     def __init__(self, world: SitesWorld, folder: Path, *, offset: float = 1000.0) -> None:
-        self.world, self.folder, self.judge = world, folder, self.judge_of(world)
+        self.world, self.folder, self.judge = world, folder, self.judge_class(world)
         self.offsets = {site: number * offset for number, site in enumerate(SITES)}
         self.processes: dict[str, SiteProcess] = {}
         self.gateways: dict[str, Gateway] = {}
@@ -207,17 +210,13 @@ class Realm:
             for role in ("gateway", "lookup", "rover", "team", "operator"):
                 self.start(f"{site}.{role}")
 
-    def judge_of(self, world: SitesWorld) -> Judge:
-        """Return who judges a story."""
-        return Judge(world)
-
     def start(self, name: str) -> None:
         """Start a process, or start it again."""
         site, _, role = name.partition(".")
         mains: dict[str, Callable[[SimulatedProcess], Any]] = {
             "gateway": self._gateway,
             "lookup": self._lookup,
-            "rover": partial(self._robot, kind=Rover),
+            "rover": partial(self._robot, kind=self.rover_class),
             "team": partial(self._robot, kind=Team),
             "operator": self._operator,
         }
@@ -307,6 +306,11 @@ class Story:
         at(CALM + WHOLE, self.examine)
         at(CALM + WHOLE + 1, partial(self.call, "lab", "lab:team", last=True))
 
+    def new_ticket(self) -> float:
+        """Return the next ticket."""
+        self._ticket += 1
+        return self._ticket
+
     def _at(self, when: float, action: Callable[[], None]) -> None:
         self.world.runner.at(when, action)
 
@@ -320,8 +324,7 @@ class Story:
 
     def call(self, site: str, robot: str = "", *, last: bool = False) -> None:
         """Have a robot work."""
-        self._ticket += 1
-        ticket = self._ticket
+        ticket = self.new_ticket()
         name = robot or self.chance.choice(["lab:team", "hall:rover", "lab:rover", "yard:rover", "hall:team"])
         self.judge.asked[ticket] = self.world.runner.now()
 

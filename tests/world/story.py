@@ -22,9 +22,8 @@ from robotree.vr.exchange.asking import fresh_key
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.supervision.realm_client import CALLER, RealmClient
 from robotree.vr.world.world import SimulatedProcess, World
-from tests.world.controller import CartController
-from tests.world.machine_world import tell
-from tests.world.realm import CartProxy, Realm, leaf_tickets, lease_of
+from tests.world.machine import tell
+from tests.world.realm import CartController, CartProxy, Realm, leaf_tickets, lease_of
 
 LENGTH = 60.0
 """[s] of a story."""

@@ -14,9 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.world.families import FAMILIES
-from tests.world.locks import LOCKS
-from tests.world.safeguards import SAFEGUARDS, without
-from tests.world.taken_away import VARIABLE
+from tests.world.safeguards import SAFEGUARDS, VARIABLE, without
 
 ROOT = Path(__file__).resolve().parents[2]
 CAUGHT = {
@@ -140,7 +138,7 @@ def test_without_a_safeguard_its_seed_breaks_a_law(safeguard: str) -> None:
 
 
 def test_each_safeguard_has_a_seed_or_a_test_elsewhere() -> None:
-    assert sorted([*CAUGHT, *ELSEWHERE]) == sorted([*SAFEGUARDS, *LOCKS])
+    assert sorted([*CAUGHT, *ELSEWHERE]) == sorted(SAFEGUARDS)
     assert all((ROOT / "tests" / file).is_file() for file in ELSEWHERE.values())
 
 
@@ -148,7 +146,7 @@ def test_each_safeguard_has_a_seed_or_a_test_elsewhere() -> None:
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("safeguard", ELSEWHERE)
 def test_without_a_safeguard_its_test_fails(safeguard: str) -> None:
-    words = ["-q", "-x", "-p", "tests.world.taken_away", "-p", "no:cacheprovider"]
+    words = ["-q", "-x", "-p", "tests.world.safeguards", "-p", "no:cacheprovider"]
     run = subprocess.run(
         [sys.executable, "-m", "pytest", *words, f"tests/{ELSEWHERE[safeguard]}"],
         check=False,

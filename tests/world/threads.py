@@ -49,8 +49,7 @@ from robotree.vr.running.robot_runtime import RobotRuntime
 from robotree.vr.running.runner import Interrupted, SerialWorker
 from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
 from robotree.vr.world.virtual_runner import VirtualProcess, VirtualRunner, virtual_runner
-from tests.world.machine import Machine
-from tests.world.machine_world import ROOT
+from tests.world.machine import ROOT, Machine
 from tests.world.points import at_every_statement
 
 THREADS = 3

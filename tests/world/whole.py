@@ -8,10 +8,8 @@ from types import ModuleType
 from typing import Any
 
 from robotree.vr.supervision.realm_client import RealmClient
-from tests.world.kernel import Trouble
-from tests.world.laws import network_is_whole
-from tests.world.machine_sockets import SimulatedSocket
-from tests.world.machine_world import REALM, ROOT, MachineProcess, MachineWorld, play_on_machine
+from tests.world.kernel import SimulatedSocket, Trouble
+from tests.world.machine import REALM, ROOT, MachineProcess, MachineWorld, network_is_whole, play_on_machine
 from tests.world.story import CALM, LENGTH, Story
 
 ENTERED = 0.5
