@@ -43,7 +43,7 @@ from robotree.vr.sites.keys import join as join_realm_keys
 from robotree.vr.sites.zenoh_pipe import ZenohPipe
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from tests.laboratory.ground import Ground, Loopback, best
+from tests.laboratory.laboratory import Ground, Loopback, best
 from tests.vr.sites.site import MemoryHub, MemoryPipe
 
 BODY = bytes(200)

@@ -65,30 +65,25 @@ class Machine:
 
     def say(self, *words: str, code: int = DONE) -> Any:
         """Say a line; return the plain data that it prints last."""
-        done = subprocess.run(
-            [*ROBOTREE, *words, "--json"],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=60,
-            env=self.environment,
-        )
+        done = self._run(*words, "--json", within=60)
         assert done.returncode == code, (words, done.stdout, done.stderr)
         return json.loads(done.stdout.strip().splitlines()[-1])
 
     def text(self, *words: str) -> str:
         """Say a line; return what it prints for people, and nothing if it is refused."""
-        done = subprocess.run(
+        done = self._run(*words, within=120)
+        return done.stdout if done.returncode == DONE else ""
+
+    def _run(self, *words: str, within: float) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
             [*ROBOTREE, *words],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             check=False,
-            timeout=120,
+            timeout=within,
             env=self.environment,
         )
-        return done.stdout if done.returncode == DONE else ""
 
     @contextlib.contextmanager
     def joined(self) -> Generator[Realm]:

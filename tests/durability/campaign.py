@@ -10,7 +10,6 @@ them down. A page of these trials repeats no step, so one that was begun twice w
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import itertools
@@ -28,7 +27,7 @@ from functools import partial
 from pathlib import Path
 
 from robotree.vr.base.errors import VrError
-from tests.durability.stage import PAGES, Program, Stage, in_folder, staged
+from tests.durability.stage import PAGES, Counted, Program, Stage, beside, in_folder, options, staged
 from tests.ports import free_port
 
 BOUNDARIES = {
@@ -57,32 +56,20 @@ PAIRS = (
     ("proxy",),
     ("controller",),
 )
-AWAY = 60.0
-"""[s] that children wait for their parent: several kills in turn may strike before a host is back."""
 LONGEST = 60.0
 """[s] for what a kill has interrupted to go on."""
 
 
 @dataclass
-class Outcome:
+class Outcome(Counted):
     """What was counted."""
 
-    kills: Counter[str] = field(default_factory=Counter[str])
-    """By boundary or victims."""
-    steps: int = 0
-    twice: list[str] = field(default_factory=list[str])
-    lost: list[str] = field(default_factory=list[str])
     doubts: int = 0
     """Steps whose caller was told that they may have happened or not."""
     effects: list[float] = field(default_factory=list[float])
     """[s] from the start of a host's process to the next effect."""
     effects_of_two: list[float] = field(default_factory=list[float])
     """[s] the same where another host was killed with it."""
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing was done twice and nothing is lost."""
-        return not (self.twice or self.lost)
 
 
 # -- hosts --------------------------------------------------------------------------------------------
@@ -102,19 +89,13 @@ async def kill_hosts(outcome: Outcome, chance: random.Random, count: int, folder
         )
         async with staged(place, f"hosts-{block}") as stage:
             host, second = stage.host("h1"), stage.host("h2")
-            host.environment = second.environment = {"RETURNS": f"{AWAY:g}"}
             if two:
                 await second.start()
                 await stage.presence("host", "h2")
             await stage.furnish(host, kills.pop(0), other="h2" if two else "")
-            beside = asyncio.ensure_future(follow(host, second)) if two else None
             steps = 8 * BLOCK
-            try:
+            async with beside(*([follow(host, second)] if two else [])):
                 results = await stage.play(host, "tour", kills, patience=LONGEST, steps=steps)
-            finally:
-                if beside is not None:
-                    beside.cancel()
-                    await asyncio.gather(beside, return_exceptions=True)
             killed = host.lives - 1
             for name in chosen[:killed]:
                 outcome.kills[f"host, {name}" + (", another host with it" if two else "")] += 1
@@ -165,7 +146,6 @@ class Rover:
             "proxy": stage.program("proxy", *line, "proxy", "rover", "rover-1", "--connect", url, "--open"),
             "host": stage.host("h1"),
         }  # fmt: skip
-        self.programs["host"].environment = {"RETURNS": f"{AWAY:g}"}
 
     async def begin(self) -> None:
         """Start all, and bind them."""
@@ -308,10 +288,7 @@ def report(outcome: Outcome) -> str:
 
 def main() -> int:
     """Play, and print the figures; the exit code is 0 if nothing was done twice and nothing is lost."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--kills", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=1)
-    chosen = parser.parse_args()
+    chosen = options(__doc__, 300).parse_args()
     try:
         outcome = in_folder(partial(campaign, chosen.kills, chosen.seed))
     except VrError as error:

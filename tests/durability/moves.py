@@ -11,22 +11,19 @@ With --apart the robot lives in a process of its own.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import os
 import random
 import sys
 import time
-from collections import Counter
-from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.permissions import Isolation
-from tests.durability.stage import Program, Stage, in_folder, staged
+from tests.durability.stage import Counted, Program, Stage, beside, in_folder, options, staged
 
 SOURCE = ("prepared", "frozen", "out", "answered", "gone")
 DESTINATION = ("ready", "got", "logged", "served", "went")
@@ -34,8 +31,6 @@ APART = ("prepared", "out", "answered", "gone", "ready", "got", "logged", "serve
 """Those that the hosts pass of a robot in a process of its own."""
 BLOCK = 25
 """Kills during one command."""
-AWAY = 60.0
-"""[s] that children wait for their parent: several kills in turn may strike before it is back."""
 LONGEST = 120.0
 """[s] for the command to end after the last kill."""
 STEPS = 3000
@@ -43,23 +38,18 @@ STEPS = 3000
 
 
 @dataclass
-class Outcome:
+class Outcome(Counted):
     """What was counted."""
 
-    kills: Counter[str] = field(default_factory=Counter[str])
-    """By place."""
     moves: int = 0
     """That succeeded, as who asked was told."""
-    steps: int = 0
-    twice: list[str] = field(default_factory=list[str])
-    lost: list[str] = field(default_factory=list[str])
     owners: list[str] = field(default_factory=list[str])
     """When the robot had none, or several."""
 
     @property
     def good(self) -> bool:
         """Whether nothing was done twice, nothing is lost, and one host had the robot at any time."""
-        return not (self.twice or self.lost or self.owners)
+        return super().good and not self.owners
 
 
 class Block:
@@ -73,8 +63,6 @@ class Block:
         self._places = (*SOURCE, *DESTINATION) if level == "none" else APART
         self.hosts = [stage.host("h1"), stage.host("h2")]
         self._armed: dict[Program, str] = {}
-        for host in self.hosts:
-            host.environment = {"RETURNS": f"{AWAY:g}"}
 
     async def play(self, until: float = float("inf")) -> None:
         """Play it; nobody is killed any more after `until`, [s] on the monotonic clock."""
@@ -91,7 +79,7 @@ class Block:
             stage.realm_client.call("tourist", "tour", {"steps": STEPS, "pause": 0.05}, deadline=3600.0)
         )
         await stage.until_effects(3)
-        async with self._kept_alive():
+        async with beside(*map(self._keep_alive, self.hosts)):
             while self._left > 0 and not call.done() and time.monotonic() < until:
                 await self._move()
             self._left = 0
@@ -148,16 +136,6 @@ class Block:
             await asyncio.sleep(0.1)
         self._outcome.owners.append(f"{self._stage.folder.name}: nobody\n{self._stage.told()}")
 
-    @contextlib.asynccontextmanager
-    async def _kept_alive(self) -> AsyncIterator[None]:
-        keepers = [asyncio.ensure_future(self._keep_alive(host)) for host in self.hosts]
-        try:
-            yield
-        finally:
-            for keeper in keepers:
-                keeper.cancel()
-            await asyncio.gather(*keepers, return_exceptions=True)
-
     async def _keep_alive(self, host: Program) -> None:
         """Start a host again whenever it has ended, to be killed again; kill it now if it is its turn."""
         while True:
@@ -212,9 +190,7 @@ def report(outcome: Outcome) -> str:
 
 def main() -> int:
     """Play, and print the figures; the exit code is 0 if one host had the robot at any time."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--kills", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=1)
+    parser = options(__doc__, 500)
     parser.add_argument("--apart", action="store_true")
     parser.add_argument("--minutes", type=float, default=float("inf"))
     chosen = parser.parse_args()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import os
@@ -12,6 +13,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Coroutine
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,14 +30,18 @@ COMPLAINT = re.compile(r"Traceback|Exception|CRITICAL|never awaited|AssertionErr
 
 
 class Program:
-    """One process, and what it complained of in all its lives."""
+    """One process of Python in a realm, and what it complained of in all its lives."""
 
-    def __init__(self, stage: Stage, name: str, *words: str | Path) -> None:
-        self.stage, self.name, self.words = stage, name, [str(word) for word in words]
-        self.log = stage.folder / f"{name}.err"
+    def __init__(self, folder: Path, realm: str, name: str, *words: str | Path) -> None:
+        self.name, self.words = name, [str(word) for word in words]
+        self.prefix: list[str] = []
+        """Words before those of the process, which have it run elsewhere."""
+        self.log = folder / f"{name}.err"
         self.lives = 0
-        self.environment: dict[str, str] = {}
+        self.environment = {"ROBOTREE_REALM": realm}
         """Of each of its lives."""
+        self.address = ""
+        """Where it listens, if it says so when it is ready."""
         self.started: list[float] = []
         """[s] when it was started, in each life."""
 
@@ -44,16 +50,18 @@ class Program:
         self.started.append(time.monotonic())
         with self.log.open("ab") as log:
             self.process = await asyncio.create_subprocess_exec(
-                *(sys.executable, *self.words),
+                *(*self.prefix, sys.executable, *self.words),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=log,
-                env={**os.environ, "ROBOTREE_REALM": self.stage.realm, **self.environment, **environment},
+                env={**os.environ, **self.environment, **environment},
             )
         self.lives += 1
         assert self.process.stdout is not None
         async with asyncio.timeout(PATIENCE):
-            if not await self.process.stdout.readline():
+            line = await self.process.stdout.readline()
+            self.address = line.decode().strip().partition(" ")[2]
+            if not line:
                 code = await self.process.wait()
                 assert code == -signal.SIGKILL, f"{self.name} ended with {code}: {self.complaints}"
 
@@ -84,13 +92,13 @@ class Stage:
         self.effects_file = folder / "effects"
 
     def program(self, name: str, *words: str | Path) -> Program:
-        self.programs.append(Program(self, name, *words))
+        self.programs.append(Program(self.folder, self.realm, name, *words))
         return self.programs[-1]
 
     def host(self, name: str = "h1") -> Program:
         """Return a host that is waited for as long as a busy machine may take to start it again."""
         host = self.program(name, HERE / "host.py", name, self.folder / f"{name}.journal")
-        host.environment = {"RETURNS": f"{PATIENCE:g}"}
+        host.environment["RETURNS"] = f"{PATIENCE:g}"
         return host
 
     async def furnish(
@@ -136,18 +144,19 @@ class Stage:
         **arguments: Any,
     ) -> Any:
         """Call a command of a robot; start the host again, with the next kill, whenever it has ended."""
-        call = asyncio.ensure_future(self.realm_client.call(robot, command, arguments, deadline=3 * patience))
-        keeper = asyncio.ensure_future(keep_alive(host, kills))
-        try:
+        calling = self.realm_client.call(robot, command, arguments, deadline=3 * patience)
+        async with beside(calling, keep_alive(host, kills)) as (call, keeper):
             await asyncio.wait((call, keeper), timeout=patience, return_when=asyncio.FIRST_COMPLETED)
             if keeper.done():
                 keeper.result()
             assert call.done(), f"stuck after {host.lives} lives: {self.told()}"
             return call.result()
-        finally:
-            for task in (call, keeper):
-                task.cancel()
-            await asyncio.gather(call, keeper, return_exceptions=True)
+
+    def begin(self, command: str, **arguments: Any) -> asyncio.Task[Any]:
+        """Begin a command of the tourist."""
+        return asyncio.create_task(
+            self.realm_client.call("tourist", command, arguments, deadline=3 * PATIENCE)
+        )
 
     # -- what happened ----------------------------------------------------------------------------
 
@@ -189,6 +198,30 @@ class Stage:
             await asyncio.sleep(0.005)
 
 
+@dataclass
+class Counted:
+    """What a campaign of kills has counted."""
+
+    kills: Counter[str] = field(default_factory=Counter[str])
+    """By boundary or victims."""
+    steps: int = 0
+    twice: list[str] = field(default_factory=list[str])
+    lost: list[str] = field(default_factory=list[str])
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing was done twice and nothing is lost."""
+        return not (self.twice or self.lost)
+
+
+def options(doc: str | None, kills: int) -> argparse.ArgumentParser:
+    """Return the options that all campaigns have: how many kills, and the seed of their chance."""
+    parser = argparse.ArgumentParser(description=(doc or "").partition("\n")[0])
+    parser.add_argument("--kills", type=int, default=kills)
+    parser.add_argument("--seed", type=int, default=1)
+    return parser
+
+
 def in_folder(play: Callable[[Path], Coroutine[Any, Any, T]]) -> T:
     """Play trials in a folder of their own, with all that robotree keeps; return what comes of it."""
     with tempfile.TemporaryDirectory(prefix="rt-") as name:
@@ -198,6 +231,18 @@ def in_folder(play: Callable[[Path], Coroutine[Any, Any, T]]) -> T:
             path.mkdir(mode=0o700)
             os.environ[variable] = str(path)
         return asyncio.run(play(folder))
+
+
+@contextlib.asynccontextmanager
+async def beside(*work: Coroutine[Any, Any, Any]) -> AsyncIterator[list[asyncio.Task[Any]]]:
+    """Have some work go on beside the block; its end ends it."""
+    tasks = [asyncio.create_task(each) for each in work]
+    try:
+        yield tasks
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def keep_alive(host: Program, kills: list[str]) -> None:

@@ -10,16 +10,48 @@ from typing import Literal
 
 import pytest
 
+from robotree.sim.controller.fence_file import FenceFile
+from robotree.sim.firmware import SILENCE
+from robotree.sim.kinds import KINDS
 from robotree.testing import rehearse, team
+from robotree.testing.parts import Stage
+from robotree.testing.simulated import Simulated
 from robotree.testing.team import Going, Team
 from robotree.vr.base.errors import CommandCancelled, EndedInDoubt
-from tests.durability.drivers import Catcher, Driver, Verifier
-from tests.durability.rehearsed import Rover
+from tests.durability.pages import Catcher, Driver, Verifier
 
 LEG = 0.1
 """[m]"""
 AWAY = 4.0
 """[s] that the driver is away; it takes half of it to drive a leg at most."""
+
+
+class Rover(Simulated):
+    """A rover whose controller has another life each time that it is started."""
+
+    lives = 0
+
+    def __init__(self) -> None:
+        super().__init__("rover")
+
+    def enter(self, team: Stage, path: str, name: str) -> None:
+        super().enter(team, path, name)
+        self.restart_controller()
+
+    def restart_controller(self) -> None:
+        """Have it stand at 0 and know nothing of before."""
+        self.cut()
+        self.world, self.lives = KINDS["rover"].world(), self.lives + 1
+        memory = FenceFile(None)
+        memory.life = self.lives
+        self._controller = KINDS["rover"]._controller(self.world, 1, SILENCE, memory)
+        self._began = self._team.now
+        self.mend()
+
+    @property
+    def x(self) -> float:
+        """Where it is [m]."""
+        return float(self.world.rover.state().position[0])
 
 
 class Road:

@@ -76,9 +76,7 @@ async def play(
     stage: Stage, hosts: list[Program], killed: Program | None = None, steps: int = 14
 ) -> list[str]:
     """Have the tourist move in the middle of a tour; returns who has it then."""
-    call = asyncio.ensure_future(
-        stage.realm_client.call("tourist", "tour", {"steps": steps, "pause": 0.02}, deadline=3 * PATIENCE)
-    )
+    call = stage.begin("tour", steps=steps, pause=0.02)
     await stage.until_effects(3)
     await until_moved(stage, hosts, "h2", killed)
     await asyncio.wait([call], timeout=PATIENCE)
@@ -89,29 +87,34 @@ async def play(
     return await owners(stage)
 
 
-@pytest.mark.parametrize("place", most_at_night(SOURCE, "out"))
-async def test_the_source_is_killed_at_a_boundary(stage: Stage, place: str) -> None:
-    hosts = await furnished(stage, f"move {place} 1")
-    assert len(await play(stage, hosts, hosts[0])) == 1
-    assert hosts[0].lives == 2
+async def furnished_at(
+    stage: Stage, place: str, level: Isolation = "none", **environment: str
+) -> tuple[list[Program], Program]:
+    """Return the hosts, and the one that ends at a place: `S` or `D` for source or destination, and where."""
+    who, where = place.split()
+    kill = f"move {where} 1"
+    source, destination = (kill, "") if who == "S" else ("", kill)
+    hosts = await furnished(stage, source, destination, level=level, **environment)
+    return hosts, hosts[who == "D"]
 
 
-@pytest.mark.parametrize("place", most_at_night(DESTINATION))
-async def test_the_destination_is_killed_at_a_boundary(stage: Stage, place: str) -> None:
-    hosts = await furnished(stage, "", f"move {place} 1")
-    assert len(await play(stage, hosts, hosts[1])) == 1
-    assert hosts[1].lives == 2
+async def expect_one_owner(stage: Stage, place: str, level: Isolation = "none") -> None:
+    hosts, killed = await furnished_at(stage, place, level)
+    assert len(await play(stage, hosts, killed)) == 1
+    assert killed.lives == 2
+
+
+BOUNDARIES = [*(f"S {place}" for place in SOURCE), *(f"D {place}" for place in DESTINATION)]
+
+
+@pytest.mark.parametrize("place", most_at_night(BOUNDARIES, "S out"))
+async def test_source_or_destination_is_killed_at_a_boundary(stage: Stage, place: str) -> None:
+    await expect_one_owner(stage, place)
 
 
 @pytest.mark.parametrize("place", most_at_night(["S out", "D logged"], "D logged"))
 async def test_a_host_of_a_robot_apart_is_killed_at_a_boundary(stage: Stage, place: str) -> None:
-    who, where = place.split()
-    kill = f"move {where} 1"
-    source, destination = (kill, "") if who == "S" else ("", kill)
-    hosts = await furnished(stage, source, destination, level="process")
-    killed = hosts[who == "D"]
-    assert len(await play(stage, hosts, killed)) == 1
-    assert killed.lives == 2
+    await expect_one_owner(stage, place, "process")
 
 
 def is_stopped(stat: Path) -> bool:
@@ -131,21 +134,15 @@ async def wake_later(program: Program, seconds: float) -> None:
 @pytest.mark.parametrize("place", most_at_night(["S out", "S answered", "D got", "D logged"], "S out"))
 async def test_one_of_both_hangs_at_a_boundary_and_wakes(stage: Stage, place: str) -> None:
     """It sleeps longer than it takes to be noticed, and shorter than the children wait."""
-    who, where = place.split()
-    kill = f"move {where} 1"
-    source, destination = (kill, "") if who == "S" else ("", kill)
-    hosts = await furnished(stage, source, destination, HANGS="1")
-    waking = asyncio.ensure_future(wake_later(hosts[who == "D"], 2.5))
-    found = await play(stage, hosts)
+    hosts, hanging = await furnished_at(stage, place, HANGS="1")
+    waking = asyncio.ensure_future(wake_later(hanging, 2.5))
+    assert len(await play(stage, hosts)) == 1
     await waking
-    assert len(found) == 1
 
 
 async def test_both_are_killed_while_it_is_on_its_way(stage: Stage) -> None:
     hosts = await furnished(stage, "move answered 1", "move logged 1")
-    call = asyncio.ensure_future(
-        stage.realm_client.call("tourist", "tour", {"steps": 14, "pause": 0.02}, deadline=3 * PATIENCE)
-    )
+    call = stage.begin("tour", steps=14, pause=0.02)
     await stage.until_effects(3)
     asking = asyncio.ensure_future(stage.realm_client.migrate("tourist", "h2"))
     async with asyncio.timeout(PATIENCE):

@@ -1,8 +1,9 @@
 """What pages do beside plain calls goes on after a kill, too: groups, races, clean-ups, waits, refusals.
 
 Each page is rehearsed in virtual time and killed once for each moment of each step: when a child has
-accepted it, while it is carried out, and just behind its end. What needs real processes comes last; a plain
-tour is killed at each boundary of the journal in test_campaign.py.
+accepted it, while it is carried out, and just behind its end; or an old copy of its disk is put back. A
+command that was paused is still paused afterwards, and takes single steps. What needs real processes comes
+last; a plain tour is killed at each boundary of the journal in test_campaign.py.
 """
 
 from __future__ import annotations
@@ -17,30 +18,62 @@ import pytest
 
 from robotree.examples.smooth_move import SmoothMove
 from robotree.sim.firmware.movement import Job, Movement
-from robotree.testing import Page, cell, rehearse
-from robotree.testing.team import Team
+from robotree.testing import Page, cell, parts, rehearse
+from robotree.testing.parts import Part
+from robotree.testing.team import Going, Team
+from robotree.vr import Robot, command
 from robotree.vr.base.errors import CommandCancelled, CommandInDoubt, NotConfirmed, VrError
-from tests.durability.pages import Helper, Patrol, Tourist
-from tests.durability.rehearsed import Arms
-from tests.durability.stage import PAGES, Stage
+from robotree.vr.exchange.client import RobotClient
+from tests.durability.pages import Helper, Patrol
+from tests.durability.stage import COMPLAINT, PAGES, Stage
 
+STEPS = 6
+"""Of a tour that is paused."""
 MOMENTS = (0.0, 0.01, 0.0231, 0.06)
 """[s] behind the moment at which a child accepts a step, which takes 0.02 s and the way back."""
 
 
+class Arm(Robot):
+    """Counts what it does."""
+
+    done = 0
+
+    def readings(self) -> dict[str, float]:
+        return {"done": float(self.done)}
+
+    @command
+    def act(self, n: int, seconds: float = 0.0) -> int:
+        """Do one thing, which takes its time."""
+        self.sleep(seconds or 0.02)
+        self.done += 1
+        return n * 2
+
+
+class Arms(Part):
+    """An arm in a process of its own."""
+
+    def enter(self, team: parts.Stage, path: str, name: str) -> None:
+        team.start_robot(path, Arm(name))
+
+
 def tourist() -> Team:
-    return rehearse(Tourist, arm=Arms(), helper=Page(Helper, arm=Arms()))
+    return rehearse(f"{PAGES}:Tourist", arm=Arms(), helper=Page(Helper, arm=Arms()))
 
 
 def patrol() -> Team:
     return rehearse(Patrol, arm=Arms())
 
 
-def acts(team: Team) -> list[int]:
-    """Return the numbers of all that the arms have begun; none under the same key as another."""
+def begun(team: Team) -> list[int]:
+    """Return the numbers of all that the arms have begun, in order; none under the same key as another."""
     steps = [step for step in team.steps if step.robot.endswith("arm")]
     assert len({step.key for step in steps}) == len(steps)
-    return sorted(step.arguments["n"] for step in steps)
+    return [step.arguments["n"] for step in steps]
+
+
+def acts(team: Team) -> list[int]:
+    """Return these numbers sorted."""
+    return sorted(begun(team))
 
 
 def killed(make: Any, command: str, steps: int, *, second: bool = False) -> Iterator[tuple[Any, Team]]:
@@ -152,6 +185,124 @@ def test_an_order_to_the_parent_is_obeyed_when_it_is_back() -> None:
         call.result()
 
 
+def put_back(team: Team, folder: Any) -> None:
+    """Kill the page, and start it again with an older state of its disk."""
+    team.crash(after=0.0, away=1.0)
+    team.wait(0.5)
+    team._homes[""]._medium.put_back(folder)
+    team.wait_until(lambda: "" in team._agents, within=60.0)
+
+
+def test_a_command_whose_old_folder_was_put_back_ends_and_nothing_is_done_twice(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    team = tourist()
+    call = team.start("tour", steps=400, pause=0.01, within=60.0)
+    team.wait_until(lambda: len(acts(team)) > 5)
+    old = team._homes[""]._medium.copy()
+    for lives in (1, 2):
+        team.crash()
+        team.wait_until(lambda lives=lives: len(acts(team)) > 5 + 5 * lives)
+    acted = len(acts(team))
+    put_back(team, old)
+    with pytest.raises(VrError):
+        call.result()
+    assert len(acts(team)) <= acted + 1, "but for what was under way"
+    assert sorted(set(acts(team))) == acts(team), "nothing is done twice"
+    assert not COMPLAINT.search(caplog.text), caplog.text
+    assert "was commanded by start 3 of the host of tourist, and this is start 2: an old" in caplog.text
+
+
+def test_a_person_binds_the_children_of_an_old_folder_again_and_all_goes_on() -> None:
+    team = tourist()
+    assert team.call("tour", steps=4) == [4.0, 4.0]
+    old = team._homes[""]._medium.copy()
+    team.crash()
+    assert team.call("tour", steps=4) == [8.0, 8.0]
+    put_back(team, old)
+    for child in ("arm", "helper"):
+        team.wait_until(lambda child=child: team.describe(child).bond is None, within=60.0)
+        team._do(lambda child=child: team._client().enslave(child, team._agents[child].address))
+    before = len(acts(team))
+    assert team.call("tour", steps=4) == [8.0, 8.0]
+    assert len(acts(team)) == before + 4
+
+
+def ordered(team: Team, order: Any) -> str:
+    """Give an order to the tourist as an operator does; returns what it says."""
+    client: RobotClient = team._client()
+    return str(team._do(lambda: order(client)))
+
+
+def paused(team: Team) -> tuple[Going, str]:
+    """Begin a tour, pause it in the middle; return it, and the step before which it is."""
+    tour = team.start("tour", steps=STEPS, pause=0.05, within=240.0)
+    team.wait_until(lambda: bool(begun(team)))
+    ordered(team, RobotClient.pause)
+    return tour, held(team)
+
+
+def held(team: Team, path: str = "") -> str:
+    """Wait until a robot is before a step; return it in words."""
+    team.wait_until(lambda: path in team._agents and bool(team.describe(path).held), 60.0)
+    robot = team.describe(path)
+    assert robot.paused
+    return robot.held
+
+
+def test_a_killed_host_comes_back_paused_before_the_same_step_and_shows_its_line() -> None:
+    team = tourist()
+    tour, before = paused(team)
+    line = PAGES.read_text().splitlines()[int(before.rpartition(", line ")[2]) - 1]
+    assert "sleep" in before
+    assert line.strip() == "self.sleep(pause)"
+    done = begun(team)
+    for _ in range(2):
+        team.crash()
+        assert held(team) == before
+    team.wait(5.0)
+    assert begun(team) == done
+    assert ordered(team, RobotClient.step) == f"tourist takes {before}"
+    held(team)
+    assert len(begun(team)) <= len(done) + 1
+    ordered(team, RobotClient.go_on)
+    assert tour.result() == [STEPS, STEPS]
+    assert begun(team) == list(range(STEPS))
+
+
+def test_a_cancel_of_a_paused_command_is_obeyed_after_a_kill() -> None:
+    team = tourist()
+    tour, _ = paused(team)
+    done = begun(team)
+    team.crash()
+    held(team)
+    team.cancel()
+    with pytest.raises(CommandCancelled):
+        tour.result()
+    assert begun(team) == done
+
+
+def test_a_command_of_a_child_in_another_process_is_paused_and_outlives_both() -> None:
+    """Each of both is killed while the helper is before its step."""
+    team = tourist()
+    tour, _ = paused(team)
+    while "helper.act" not in held(team):
+        ordered(team, RobotClient.step)
+        team.wait(1.0)
+    ordered(team, RobotClient.step)
+    before, done = held(team, "helper"), begun(team)
+    for path in ("helper", ""):
+        team.crash(path)
+        assert held(team, "helper") == before
+    team.wait(5.0)  # the parent's next process holds the child again, and asks it
+    assert begun(team) == done
+    assert ordered(team, RobotClient.step) == f"helper takes {before}"
+    team.wait_until(lambda: len(begun(team)) == len(done) + 1, 60.0)
+    ordered(team, RobotClient.go_on)
+    assert tour.result() == [STEPS, STEPS]
+    assert begun(team) == list(range(STEPS))
+
+
 # -- real processes ------------------------------------------------------------------------------------
 
 
@@ -171,7 +322,7 @@ async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_rob
 ) -> None:
     host = stage.host()
     await stage.furnish(host)
-    call = asyncio.ensure_future(stage.realm_client.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
+    call = stage.begin("tour", steps=1000, pause=0.01)
     await stage.until_effects(5)
     await host.kill(signal.SIGTERM)
     with pytest.raises(VrError):
@@ -199,7 +350,7 @@ async def test_a_host_that_is_ended_in_order_ends_its_commands_and_keeps_its_rob
 async def test_a_stop_while_the_host_is_away_ends_the_command(stage: Stage) -> None:
     host = stage.host()
     await stage.furnish(host)
-    call = asyncio.ensure_future(stage.realm_client.call("tourist", "tour", {"steps": 1000, "pause": 0.01}))
+    call = stage.begin("tour", steps=1000, pause=0.01)
     await stage.until_effects(5)
     await host.kill()
     with contextlib.suppress(NotConfirmed):  # it names those who are away, if it has asked them

@@ -6,7 +6,6 @@ import asyncio
 import os
 import signal
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
@@ -32,11 +31,6 @@ async def stand_by(stage: Stage, *names: str) -> list[Program]:
     return hosts
 
 
-def begin(stage: Stage, command: str, **arguments: Any) -> asyncio.Task[Any]:
-    call = stage.realm_client.call("tourist", command, arguments, deadline=240.0)
-    return asyncio.ensure_future(call)
-
-
 async def homes(stage: Stage) -> dict[str, list[str]]:
     """The robots of each host that answers, by name."""
     return {
@@ -59,7 +53,7 @@ async def test_exactly_one_takes_over_and_who_wakes_ends_or_stands_by_for_it(sta
     with pytest.raises(StandsBy, match="host h2 stands by for h1 and takes no robots"):
         await stage.realm_client.create(str(PAGES), "third", "h2", "Tourist")
     before = (await stage.realm_client.describe("arm-1")).bond
-    call = begin(stage, "tour", steps=12, pause=0.3)
+    call = stage.begin("tour", steps=12, pause=0.3)
     await stage.until_effects(3)
     h1.process.send_signal(signal.SIGSTOP)
     await stage.until_effects(len(stage.ended) + 3)  # by another one
@@ -84,7 +78,7 @@ async def test_exactly_one_takes_over_and_who_wakes_ends_or_stands_by_for_it(sta
     made = await stage.realm_client.create(str(PAGES), "third", wanted="Tourist")
     assert made.host == first, "who stands by is not chosen"
 
-    call = begin(stage, "tour", steps=10, pause=0.2)  # its numbers come once more: only keys are compared
+    call = stage.begin("tour", steps=10, pause=0.2)  # its numbers come once more: only keys are compared
     await stage.until_effects(15)
     await next(host for host in hosts if host.name == first).kill()
     await asyncio.wait_for(call, PATIENCE)
@@ -123,7 +117,7 @@ async def test_across_machines_a_host_goes_on_without_its_database_for_a_while_a
 ) -> None:
     """The database crashes and is back; the host is killed; the next one is cut off from it for good."""
     h1, h2 = await furnished(stage, database)
-    call = begin(stage, "tour", steps=2000, pause=0.1)  # more than it gets to take
+    call = stage.begin("tour", steps=2000, pause=0.1)  # more than it gets to take
     for _ in range(2):
         await stage.until_effects(len(stage.ended) + 3)
         database.stop()

@@ -29,8 +29,7 @@ from robotree.vr.base.errors import VrError
 from robotree.vr.base.history_event import HistoryEvent
 from robotree.vr.base.requests import ReadEvents
 from robotree.vr.history.file import HistoryFile
-from tests.laboratory.ground import Loopback, best
-from tests.laboratory.laboratory import HUBS, REALM, ROBOTS, SITES, Laboratory
+from tests.laboratory.laboratory import HUBS, REALM, ROBOTS, SITES, Laboratory, Loopback, best
 
 DELAY, LOSS = 0.04, 0.01
 """[s] one way between a site and a hub, and the share of segments that are lost."""
@@ -143,13 +142,13 @@ class Campaign:
             await self.laboratory.ground.mend(victim)
         else:
             process = self.laboratory.processes[victim]
-            process.send(signal.SIGKILL if how == "kill" else signal.SIGSTOP)
+            process.process.send_signal(signal.SIGKILL if how == "kill" else signal.SIGSTOP)
             await asyncio.sleep(seconds)
             if how == "kill":
-                await process.end()
+                await process.kill()
                 await process.start()
             else:
-                process.send(signal.SIGCONT)
+                process.process.send_signal(signal.SIGCONT)
         self.result.faults[fault] += 1
         healed = time.monotonic()
         try:
@@ -347,18 +346,7 @@ def main() -> int:
         signal.signal(one, signal.default_int_handler)
     result = asyncio.run(play(given.seed, given.faults, given.limit, given.only, loopback=given.loopback))
     if given.json:
-        shown = {
-            "good": result.good,
-            "ground": result.ground,
-            "faults": dict(result.faults),
-            "lost": result.lost,
-            "stale": result.stale,
-            "late": result.late,
-            "twice": result.twice,
-            "works": dict(result.works),
-            "calls": dict(result.calls),
-            "gap": result.gap,
-        }
+        shown = {"good": result.good, **vars(result)}
         sys.stdout.write(json.dumps(shown) + "\n")
     else:
         sys.stdout.write(report(result) + "\n")

@@ -19,7 +19,7 @@ from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.ending import LAST_WORDS
 from tests.command_line import ROBOTREE, within_realm
 from tests.scenarios.test_crew import children, ended, is_running
-from tests.soak.observer import holds
+from tests.soak.stage import holds
 from tests.waiting import until
 
 pytestmark = pytest.mark.e2e

@@ -27,18 +27,13 @@ from robotree.tui.errors import MemberFailed
 from robotree.vr.base.errors import VrError
 from tests import apart
 from tests.soak import (
-    crowds,
     damage,
-    ends,
-    forks,
     freezes,
     kills,
-    lives,
     resources,
     rules,
     screens,
     stops,
-    wire,
 )
 from tests.soak.stage import Stage, staged
 from tests.soak.table import Row, Trial, is_good, table
@@ -51,70 +46,48 @@ ROOM = "8m"
 BROKEN = Row("campaign", "the trial itself", "")
 
 
+PLAN: tuple[tuple[int, int, str, *tuple[Try, ...]], ...] = (
+    (1, 4, "epoch", rules.great_epochs),
+    (1, 4, "second", rules.second_proxy),
+    (1, 4, "once", rules.lost_result),
+    (1, 4, "foreign", rules.foreign_heartbeat),
+    (1, 4, "replay", rules.replay),
+    (1, 4, "crossed", rules.crossed),
+    (1, 4, "plain", rules.plain),
+    (3, 15, "split", *(partial(stops.split, how=how) for how in stops.SPLITS)),
+    (1, 10, "stop", stops.stop_anew),
+    (1, 10, "order", stops.stop_resident),
+    (1, 10, "loaded", stops.stop_loaded),
+    (1, 10, "few", partial(stops.stop_without, limits="-n 12")),
+    (1, 10, "full", partial(stops.stop_without, limits="-f 0")),
+    (0, 10, "deep", stops.stop_deep),
+    (0, 1, "deep-end", stops.take_down),
+    (8, 64, "kill", *(partial(kills.kill, victim=victim) for victim in kills.VICTIMS)),
+    (4, 12, "fork", *(partial(kills.host_dies, way=way) for way in kills.WAYS)),
+    (4, 12, "fork-proxy", *(partial(kills.proxy_dies, way=way) for way in kills.WAYS)),
+    (1, 9, "end", *(partial(kills.death_beside_data, witness=witness) for witness in kills.WITNESSES)),
+    (1, 8, "panel", screens.hang_and_wake),
+    (1, 8, "deleted", screens.delete_loaded),
+    (1, 5, "crowd", resources.crowd_ends),
+    (1, 5, "crowd-stop", resources.crowd_stopped),
+    *((1, 4, fault, partial(resources.exhaust, fault=fault)) for fault in resources.FAULTS),
+    (1, 4, "fence", damage.fence),
+    (1, 4, "key", damage.key),
+    (1, 4, "page", damage.page),
+    (1, 4, "list", damage.robots),
+    (1, 4, "held", partial(resources.hold, letters=26, kill=False)),
+    (1, 4, "held-end", partial(resources.hold, letters=29, kill=True)),
+    (0, 1, "lives", resources.come_and_go),
+    (3, 54, "freeze", *(partial(freezes.freeze, victim=victim) for victim in freezes.VICTIMS)),
+)
+"""How often each trial is played by a quick and by a whole campaign; of several ways each in its turn."""
+
+
 def plan(quick: bool) -> Iterator[tuple[str, Try]]:  # noqa: FBT001 # the one option that there is
     """Name all trials, in their order."""
-    for number in range(1 if quick else 4):
-        yield f"epoch-{number}", rules.great_epochs
-        yield f"second-{number}", rules.second_proxy
-        yield f"once-{number}", rules.lost_result
-        yield f"foreign-{number}", rules.foreign_heartbeat
-        yield f"replay-{number}", rules.replay
-        yield f"crossed-{number}", wire.crossed
-        yield f"plain-{number}", wire.plain
-    for number in range(3 if quick else 15):
-        yield f"split-{number}", partial(stops.split, how=("removed", "renamed", "paused")[number % 3])
-    for number in range(1 if quick else 10):
-        yield f"stop-{number}", stops.stop_anew
-        yield f"order-{number}", stops.stop_resident
-        yield f"loaded-{number}", stops.stop_loaded
-        yield f"few-{number}", partial(stops.stop_without, limits="-n 12")
-        yield f"full-{number}", partial(stops.stop_without, limits="-f 0")
-    for number in range(0 if quick else 10):
-        yield f"deep-{number}", stops.stop_deep
-    if not quick:
-        yield "deep-end", stops.take_down
-    victims = list(kills.VICTIMS)
-    for number in range(8 if quick else 64):
-        yield f"kill-{number}", partial(kills.kill, victim=victims[number % len(victims)])
-    for number in range(len(forks.WAYS) * (1 if quick else 3)):
-        way = forks.WAYS[number % len(forks.WAYS)]
-        yield f"fork-{number}", partial(forks.host_dies, way=way)
-        yield f"fork-proxy-{number}", partial(forks.proxy_dies, way=way)
-    for number in range(1 if quick else 9):
-        witness = ends.WITNESSES[number % len(ends.WITNESSES)]
-        yield f"end-{number}", partial(ends.death_beside_data, witness=witness)
-    yield from _screens(1 if quick else 8)
-    yield from _scripts(1 if quick else 5)
-    yield from _resources(1 if quick else 4)
-    for number in range(3 if quick else 54):
-        victim = freezes.VICTIMS[number % len(freezes.VICTIMS)]
-        yield f"freeze-{number}", partial(freezes.freeze, victim=victim)
-
-
-def _screens(rounds: int) -> Iterator[tuple[str, Try]]:
-    for number in range(rounds):
-        yield f"panel-{number}", screens.hang_and_wake
-        yield f"deleted-{number}", screens.delete_loaded
-
-
-def _scripts(rounds: int) -> Iterator[tuple[str, Try]]:
-    for number in range(rounds):
-        yield f"crowd-{number}", crowds.ends
-        yield f"crowd-stop-{number}", crowds.stopped
-
-
-def _resources(rounds: int) -> Iterator[tuple[str, Try]]:
-    for number in range(rounds):
-        for fault in resources.FAULTS:
-            yield f"{fault}-{number}", partial(resources.exhaust, fault=fault)
-        yield f"fence-{number}", damage.fence
-        yield f"key-{number}", damage.key
-        yield f"page-{number}", damage.page
-        yield f"list-{number}", damage.robots
-        yield f"held-{2 * number}", partial(resources.hold, letters=26, kill=False)
-        yield f"held-{2 * number + 1}", partial(resources.hold, letters=29, kill=True)
-    if rounds > 1:
-        yield "lives", lives.come_and_go
+    for few, many, name, *ways in PLAN:
+        for number in range(few if quick else many):
+            yield f"{name}-{number}", ways[number % len(ways)]
 
 
 async def run(seed: int, *, quick: bool, only: str, limit: float) -> list[Trial]:
@@ -167,7 +140,7 @@ def _folders() -> Generator[tuple[Path, str]]:
 
 async def _one(stage: Stage, name: str, attempt: Try, chance: random.Random) -> list[Trial]:
     try:
-        async with asyncio.timeout(lives.LONGEST if name == "lives" else LONGEST_TRIAL):
+        async with asyncio.timeout(resources.LONGEST_LIVES if name.startswith("lives") else LONGEST_TRIAL):
             results = list(await attempt(stage, chance) or ())
     except (TimeoutError, VrError, MemberFailed, OSError, AssertionError) as error:
         results = [Trial(BROKEN, False, note=f"{type(error).__name__}: {error}")]

@@ -5,20 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import random
-import signal
 import time
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 from robotree.protocol.links.keyring import create
 from robotree.tui.errors import MemberFailed
 from robotree.vr.base.errors import VrError
 from robotree.vr.network.realms import keys_of, sealed
-from tests.soak.observer import Observer, holds
-from tests.soak.stage import Stage, names
+from tests.soak.stage import Stage, holds, names, suspended
 from tests.soak.table import Row, Trial
 
 FENCE = Row(
@@ -59,7 +55,7 @@ LIST = Row(
 BACK = 5.0
 """[s] in which a proxy finds a restarted controller."""
 NAME = "arm-damaged"
-ARM, PROXY = "damaged arm", "damaged proxy"
+ARM = f"{NAME} controller"
 CHECKED = 17
 """Characters of a fence file before its content: a checksum and a space."""
 STEADY = '''"""Steady: says which edition it is."""
@@ -75,23 +71,6 @@ class Steady(VirtualRobot):
 '''
 
 
-@asynccontextmanager
-async def _arm(stage: Stage, *words: str, key: Sequence[str] = ()) -> AsyncIterator[Observer]:
-    """One more arm with its proxy."""
-    start = ("sim", "arm", *words, *key, "--listen")
-    controller = await stage.start(ARM, *start, "tcp:127.0.0.1:0")
-    stage.comes_back_at(ARM, controller.address)
-    try:
-        await stage.start(PROXY, "proxy", "arm", NAME, "--connect", controller.address, *key)
-        async with Observer(controller.address, 80) as arm:
-            await holds(lambda: arm.fresh, 5.0)
-            yield arm
-    finally:
-        for name in (PROXY, ARM):
-            if name in stage.members:
-                await stage.kill(name)
-
-
 async def _online(stage: Stage) -> None:
     """Wait until that arm's proxy has found its controller."""
     until = time.monotonic() + BACK
@@ -104,8 +83,7 @@ async def _online(stage: Stage) -> None:
 
 async def _moved(stage: Stage, y: float) -> str:
     """Move that arm; returns why it did not come there, empty if it did."""
-    line = ("call", f"{NAME}.go_to", "x=0.45", f"y={y}", "z=0.35", "twist=0", "--within", "10 s")
-    said = await stage.say(*line)
+    said = await stage.send(NAME, y)
     return "" if said.done else str(said)
 
 
@@ -136,7 +114,7 @@ async def fence(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     copies = (file, file.with_name(f"{file.name}.copy"))
     one, both = Trial(FENCE, False), Trial(FENCES, False)
     await stage.furnish()
-    async with _arm(stage, "--state", str(file)):
+    async with stage.another_arm(NAME, "--state", str(file)):
         one.note = await _moved(stage, 0.1)
         known = max(_epochs(copies))
         await stage.kill(ARM)
@@ -173,7 +151,7 @@ async def key(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     good = file.read_bytes()
     stopping, keeping = Trial(KEY, False), Trial(KEYS, False)
     await stage.furnish()
-    async with _arm(stage, key=("--key", str(file))) as arm:
+    async with stage.another_arm(NAME, key=("--key", str(file))) as arm:
         away = await stage.verb("call", f"{NAME}.go_to", "x=0.45", "y=0.2", "z=0.35", "twist=0", "speed=0.15")
         moved = await arm.moves()
         file.write_bytes(chance.randbytes(len(good)))
@@ -240,18 +218,14 @@ async def robots(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     pid = stage.pid("host")
     (path,) = stage.folder.glob(f"{pid}-*.held")
     good, trial = keys_of(stage.folder, path.stem), Trial(LIST, False)
-    os.kill(pid, signal.SIGSTOP)
-    try:
+    with suspended(pid):
         path.write_bytes(chance.choice(_damaged(path.read_bytes(), chance)))
         said = await stage.say("stop", "--json")
         if said.done or str(pid) not in said.out + said.complaints:
             trial.false.append(f"{said}; but process {pid} was frozen")
-    finally:
-        os.kill(pid, signal.SIGCONT)
     woke = time.monotonic()
     trial.reached = await holds(lambda: keys_of(stage.folder, path.stem) == good, 5.0)
     trial.seconds = time.monotonic() - woke
     trial.note = "" if trial.reached else f"it is {path.read_bytes()!r} instead of {good}"
-    if not await stage.whole():
-        trial.reached, trial.note = False, "the realm is not whole 10 s later"
+    await stage.expect_whole(trial)
     return [trial]

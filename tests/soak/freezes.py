@@ -9,8 +9,8 @@ import time
 from collections.abc import Sequence
 
 from robotree.vr.supervision.stop import CONFIRM
-from tests.soak.observer import holds
-from tests.soak.stage import ARM, ROVER, SQUARE, Said, Stage, missed, names
+from tests.soak.stage import ARM, ROVER, SQUARE, Said, Stage, holds, missed, names
+from tests.soak.stops import WHOLE_LINE
 from tests.soak.table import Row, Trial
 
 SHORTEST, LONGEST = 0.5, 6.0
@@ -38,16 +38,10 @@ STOPPED = Row(
     1.5,
 )
 SPOKE = Row(
-    "freeze",
-    "`stop` while one process is frozen: names the robots it did not reach",
-    "from the start of the command line to its end",
-    1.5,
+    "freeze", "`stop` while one process is frozen: names the robots it did not reach", WHOLE_LINE, 1.5
 )
 SPOKE_OF_A_CONTROLLER = Row(
-    "freeze",
-    "`stop` while one controller is frozen: names the robots it did not reach",
-    "from the start of the command line to its end",
-    CONFIRM,
+    "freeze", "`stop` while one controller is frozen: names the robots it did not reach", WHOLE_LINE, CONFIRM
 )
 """It is no process of the realm: on the wire a frozen one looks like one that needs its time to stop."""
 

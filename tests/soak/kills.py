@@ -1,16 +1,22 @@
-"""`kill -9` in the middle of commands: of proxies, hosts, controllers, lookup services and callers."""
+"""`kill -9` in the middle of commands: of proxies, hosts, controllers, lookup services and callers.
+
+Also deaths that are noticed late: a process that is frozen while others end reads their ends with the rest;
+and those of pages and proxies that have forked: a child that lives on must not hide the death of its process.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import os
 import random
 import signal
+import time
 from collections.abc import Sequence
+from pathlib import Path
 
-from tests.soak.observer import holds
-from tests.soak.stage import Said, Stage
+from tests.soak.stage import ARM, LONGEST_CALL, REACH, Observer, Said, Stage, holds, suspended
 from tests.soak.table import Row, Trial
 
 THERE = 0.03
@@ -116,3 +122,146 @@ async def lies(
     if not await holds(lambda: watched.fresh and watched.speed() < 0.01, SETTLED):
         found.append(f"{said}; but the {robot} still moves {SETTLED:g} s later")
     return found
+
+
+WITNESSES = ("lookup-1", "host", "rover proxy")
+MISSED = Row(
+    "kill",
+    "a process is frozen while the proxy of a moving arm is killed and a command line ends: it forgets both",
+    "from SIGCONT until it has closed all that it had open of them",
+    1.0,
+)
+OF_ANOTHER = 3
+"""Descriptors that a process has open of another one: two connections and its beat."""
+
+
+async def death_beside_data(stage: Stage, _chance: random.Random, witness: str) -> Sequence[Trial]:
+    """Freeze one process while a command line comes and goes and the proxy of an arm is killed; wake it."""
+    await stage.furnish()
+    dying, witnessing = stage.pid("arm proxy"), stage.pid(witness)
+    known = await holds(lambda: has_open(witnessing, dying), 5.0)
+    before = descriptors(witnessing)
+    with suspended(witnessing):
+        call, _ = await stage.move_arm()
+        moved = await stage.arm.moves()
+        await stage.kill("arm proxy")
+        await call.end()
+    woke, left = time.monotonic(), before - OF_ANOTHER
+    forgot = await holds(lambda: descriptors(witnessing) <= left, 5.0)
+    trial = Trial(MISSED, known and moved and forgot, time.monotonic() - woke)
+    if not forgot:
+        trial.note = f"the {witness} has {descriptors(witnessing)} descriptors instead of {left}"
+    await stage.restart("arm proxy")
+    await stage.expect_whole(trial)
+    return [trial]
+
+
+def descriptors(pid: int) -> int:
+    """Return how many descriptors a process has open."""
+    return len(list(Path(f"/proc/{pid}/fd").iterdir()))
+
+
+def has_open(witness: int, other: int) -> bool:
+    """Whether a process has the beat of another one open."""
+    for link in Path(f"/proc/{witness}/fd").iterdir():
+        with contextlib.suppress(OSError):
+            if f"/{other}-" in str(link.readlink()):
+                return True
+    return False
+
+
+WAYS = ("nothing", "fork", "multiprocessing", "preexec")
+"""How a child is made that lives on when its process is killed."""
+HOST = Row("fork", "host of a page that has forked and moves an arm at 0.2 m/s is killed", STANDING, 0.3)
+PROXY = Row("fork", "an author's own proxy that has forked and moves an arm is killed", STANDING, 0.3)
+WAY = 0.02
+"""[m] that the arm may go on; measured without a child: 0.004."""
+SPEED = 0.2
+"""[m/s]"""
+OWN = "own-arm"
+CHILD = """
+import multiprocessing, os, subprocess, time
+
+LIVES = 15.0
+
+def leave_a_child(way):
+    if way == "fork":
+        if os.fork() == 0:
+            time.sleep(LIVES)
+            os._exit(0)
+    elif way == "multiprocessing":
+        multiprocessing.get_context("fork").Process(target=time.sleep, args=(LIVES,)).start()
+    elif way == "preexec":
+        subprocess.Popen(["sleep", str(LIVES)], preexec_fn=int, close_fds=False)
+"""
+PAGE = f'''"""Carrier: leaves a child behind and moves its arm."""
+{CHILD}
+from robotree.vr import Child, VirtualRobot, command
+
+class Carrier(VirtualRobot):
+    """Moves an arm."""
+
+    arm = Child("Arm")
+
+    @command
+    def carry(self, way: str, y: float) -> None:
+        """Leave a child behind, then move the arm."""
+        leave_a_child(way)
+        self.arm.go_to(x=0.45, y=y, z=0.35, twist=0.0, speed={SPEED})
+'''
+KIND = f'''"""An arm whose proxy leaves a child behind."""
+{CHILD}
+from robotree.proxy.arm import Arm, GoTo
+from robotree.vr import command
+
+class ForkingArm(Arm):
+    """An arm."""
+
+    @command
+    def carry(self, way: str, y: float) -> None:
+        """Leave a child behind, then move."""
+        leave_a_child(way)
+        self.carry_out(GoTo(x=0.45, y=y, z=0.35, twist=0.0, speed={SPEED}))
+'''
+
+
+async def host_dies(stage: Stage, chance: random.Random, way: str) -> Sequence[Trial]:
+    """Kill a host while a page of it, which has left a child behind, moves an arm."""
+    await stage.furnish()
+    page = stage.folder.parent.parent / "carrier.py"
+    await asyncio.to_thread(page.write_text, PAGE)
+    await stage.realm_client.create(str(page), "carrier")
+    await stage.realm_client.enslave("carrier", "arm", ARM)
+    trial = await _killed(stage, chance, HOST, ("carrier.carry", way), stage.arm, "host")
+    await stage.restart("host")
+    await stage.expect_whole(trial)
+    await stage.realm_client.delete("carrier")  # its host has kept it
+    return [trial]
+
+
+async def proxy_dies(stage: Stage, chance: random.Random, way: str) -> Sequence[Trial]:
+    """Kill an arm's proxy, of a class of its author, which has left a child behind and moves."""
+    kind = stage.folder.parent.parent / "forking_arm.py"
+    await asyncio.to_thread(kind.write_text, KIND)
+    async with stage.another_arm(OWN, kind=str(kind)) as arm:
+        return [await _killed(stage, chance, PROXY, (f"{OWN}.carry", way), arm, f"{OWN} proxy")]
+
+
+async def _killed(
+    stage: Stage, chance: random.Random, row: Row, line: tuple[str, str], arm: Observer, victim: str
+) -> Trial:
+    """Have an arm moved and kill who moves it; returns when it stood, and if it went too far."""
+    command, way = line
+    y = -REACH if arm.place[1] > 0 else REACH
+    call = await stage.verb("call", command, f"way={way}", f"y={y}", "--within", f"{LONGEST_CALL:g} s")
+    if not await arm.moves():
+        return Trial(row, False, note=f"nothing moved: {await call.end(1.0)}")
+    await asyncio.sleep(chance.uniform(0.3, 0.8))
+    mark = arm.mark()
+    await stage.kill(victim)
+    trial = Trial(row, await arm.stands(5.0), arm.stood_after(mark))
+    gone = arm.way_since(mark)
+    if not trial.reached or gone > WAY:
+        trial.reached, trial.note = False, f"after {way} it went on for {gone:.3f} m"
+    await call.end()
+    return trial

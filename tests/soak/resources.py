@@ -1,4 +1,7 @@
-"""Resources that run out, files that are damaged, and an interpreter that is held, while both robots move."""
+"""Resources that run out, an interpreter that is held, memory that grows, and a rule that asks for too much.
+
+The rule of a script could be met in billions of ways: the script ends, a stop reaches all, memory is bounded.
+"""
 
 from __future__ import annotations
 
@@ -6,35 +9,25 @@ import asyncio
 import contextlib
 import os
 import random
+import re
 import resource
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import AsyncIterator, Callable, Generator, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 
-from robotree.vr.base.errors import NoSuchRobot
+from robotree.vr.base.errors import NoSuchRobot, VrError
+from robotree.vr.lookup.table import MOST_REMEMBERED
 from tests.apart import fill
-from tests.soak.observer import holds
-from tests.soak.stage import ARM, ROVER, SQUARE, Said, Stage, names
+from tests.soak.stage import SQUARE, Said, Stage, Verb, holds, names
+from tests.soak.stops import ALL, STAND, busy, false_reports, marks_of, still_moving, stood
 from tests.soak.table import Row, Trial
 
 HOARD = 20
 """Busy loops beside the realm."""
-LONGEST = 40
-"""[s] after which a busy loop ends by itself."""
 ROOM = 1 << 20
 """[bytes] of memory that a process may still map."""
-STOPPED = "from the start of the command line until both stand"
-FAULTS = {
-    "disk": Row("resource", "no process can write a file, then `stop`", STOPPED, 2.0),
-    "space": Row("resource", "the file systems of realm and state are full, then `stop`", STOPPED, 2.0),
-    "descriptors": Row("resource", "no process can open a descriptor, then `stop`", STOPPED, 2.0),
-    "memory": Row("resource", "host and proxies can map 1 MB more, then `stop`", STOPPED, 2.0),
-    "files": Row("resource", "garbage in the host's beat and list, then `stop`", STOPPED, 2.0),
-    "load": Row("resource", f"{HOARD} busy loops beside the realm, then `stop`", STOPPED, 1.0),
-}
 HELD = Row(
     "held",
     "a page holds the interpreter of the host of the robot that commands a rover",
@@ -56,17 +49,18 @@ class Greedy(VirtualRobot):
         """Match for long: 5 s with 26 letters, twice as long for each more."""
         re.match(r"(a+)+$", "a" * letters + "b")
 '''
-ALL = {ARM, ROVER, SQUARE}
 
 
 async def exhaust(stage: Stage, _chance: random.Random, fault: str) -> Sequence[Trial]:
     """Take a resource away while both robots move, stop everything, and give it back."""
+    words, bar, taken_away = FAULTS[fault]
+    trial = Trial(Row("resource", f"{words}, then `stop`", STAND, bar), False)
     if fault == "space" and stage.shared:
-        return [Trial(FAULTS[fault], False, skipped=stage.shared)]
+        trial.skipped = stage.shared
+        return [trial]
     await stage.furnish()
     calls = await stage.both_move()
-    trial = Trial(FAULTS[fault], False)
-    with _FAULTS[fault](stage):
+    with taken_away(stage):
         await asyncio.sleep(1.0)
         began = time.monotonic()
         verb = await stage.verb("stop", "--json")
@@ -80,17 +74,14 @@ async def exhaust(stage: Stage, _chance: random.Random, fault: str) -> Sequence[
     for call in calls:
         if (ended := await call.end()).code is None:
             trial.false.append(f"`{ended.words[1]}` did not end with the stop")
-    if not await stage.whole():
-        trial.reached, trial.note = False, "the realm is not whole 10 s later"
+    await stage.expect_whole(trial)
     return [trial]
 
 
 def _false(said: Said, stage: Stage) -> list[str]:
-    if said.done and not (stage.arm.stopped and stage.rover.stopped):
-        return [f"{said}; but one of them is not stopped"]
-    if said.done and not names(said) >= ALL:
-        return [f"{said}; it claims success and leaves out {ALL - names(said)}"]
-    return []
+    if said.done and (missing := ALL - names(said)):
+        return [*false_reports(said, stage), f"{said}; it claims success and leaves out {missing}"]
+    return false_reports(said, stage)
 
 
 async def _joined_elsewhere(stage: Stage) -> list[str]:
@@ -119,10 +110,6 @@ def _limited(pids: Sequence[int], what: int, limit: Callable[[int], int]) -> Gen
 
 def _everybody(stage: Stage) -> list[int]:
     return [stage.pid(name) for name in stage.members]
-
-
-def _disk(stage: Stage) -> contextlib.AbstractContextManager[None]:
-    return _limited(_everybody(stage), resource.RLIMIT_FSIZE, lambda _: 0)
 
 
 @contextlib.contextmanager
@@ -159,27 +146,19 @@ def _files(stage: Stage) -> Generator[None]:
     yield
 
 
-@contextlib.contextmanager
-def _load(_: Stage) -> Generator[None]:
-    line = f"import time; end = time.monotonic() + {LONGEST}\nwhile time.monotonic() < end: pass"
-    busy = [subprocess.Popen([sys.executable, "-S", "-c", line]) for _ in range(HOARD)]
-    try:
-        yield
-    finally:
-        for one in busy:
-            one.kill()
-        for one in busy:
-            one.wait()
-
-
-_FAULTS: dict[str, Callable[[Stage], contextlib.AbstractContextManager[None]]] = {
-    "disk": _disk,
-    "space": _space,
-    "descriptors": _descriptors,
-    "memory": _memory,
-    "files": _files,
-    "load": _load,
+FAULTS: dict[str, tuple[str, float, Callable[[Stage], contextlib.AbstractContextManager[None]]]] = {
+    "disk": (
+        "no process can write a file",
+        2.0,
+        lambda stage: _limited(_everybody(stage), resource.RLIMIT_FSIZE, lambda _: 0),
+    ),
+    "space": ("the file systems of realm and state are full", 2.0, _space),
+    "descriptors": ("no process can open a descriptor", 2.0, _descriptors),
+    "memory": ("host and proxies can map 1 MB more", 2.0, _memory),
+    "files": ("garbage in the host's beat and list", 2.0, _files),
+    "load": (f"{HOARD} busy loops beside the realm", 1.0, lambda _: busy(HOARD)),
 }
+"""What is taken away in words, the bar of a stop meanwhile [s], and how it is taken away inside a block."""
 
 
 async def hold(stage: Stage, _chance: random.Random, letters: int, kill: bool) -> Sequence[Trial]:  # noqa: FBT001 # one of two
@@ -211,8 +190,7 @@ async def hold(stage: Stage, _chance: random.Random, letters: int, kill: bool) -
             standing.false.append(f"{said}; but its host was held in the middle")
     if not kill:
         await stage.realm_client.delete("greedy")
-    if not await stage.whole():
-        trials[-1].reached, trials[-1].note = False, "the realm is not whole 10 s later"
+    await stage.expect_whole(trials[-1])
     return trials
 
 
@@ -242,3 +220,167 @@ async def _return(stage: Stage) -> Trial:
         await asyncio.sleep(0.05)
     trial.seconds, trial.note = time.monotonic() - began, "" if trial.reached else trial.note
     return trial
+
+
+BEFORE = 2 * MOST_REMEMBERED
+"""Lives until all that is bounded has as much as it ever has: tables grow once more after they are full."""
+LIVES = 4000
+"""Lives that are measured."""
+LONGEST_LIVES = 400.0
+"""[s] for all of them, on a busy machine."""
+AT_ONCE = 8
+EACH = 200
+"""[bytes] that a process may grow for each life that is measured: what the allocator needs varies by 100."""
+MAYFLY = '''
+"""Mayfly: is there, and does nothing."""
+from robotree.vr import VirtualRobot
+
+class Mayfly(VirtualRobot):
+    """Is there."""
+'''
+GROWTH = Row(
+    "memory",
+    f"host and lookup services grow by at most {EACH} bytes for each robot that is created and deleted",
+    f"for {LIVES} robots, after {BEFORE} others",
+)
+
+
+async def come_and_go(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
+    """Create and delete robots, and look how much memory the processes that know of them have taken."""
+    page = stage.folder.parent / "mayfly.py"
+    page.write_text(MAYFLY)
+    pids = {name: stage.pid(name) for name in ("host", "lookup-1", "lookup-2")}
+    await _live(stage, page, BEFORE)
+    before = {name: memory(pid) for name, pid in pids.items()}
+    began = time.monotonic()
+    await _live(stage, page, LIVES)
+    seconds = time.monotonic() - began
+    grown = {name: (memory(pid) - before[name]) / LIVES for name, pid in pids.items()}
+    told = ", ".join(f"{name} {each:.0f}" for name, each in grown.items())
+    reached = max(grown.values()) <= EACH
+    return [Trial(GROWTH, reached, seconds, note=f"bytes for each: {told}")]
+
+
+async def _live(stage: Stage, page: Path, lives: int) -> None:
+    async def live(name: str) -> None:
+        await stage.realm_client.create(str(page), name)
+        await stage.realm_client.delete(name)
+
+    for first in range(0, lives, AT_ONCE):
+        await asyncio.gather(*(live(f"mayfly-{first + number}") for number in range(AT_ONCE)))
+
+
+def memory(pid: int) -> int:
+    """Return how much memory a process has for itself [bytes] (smaps_rollup, proc_pid_smaps(5))."""
+    text = Path(f"/proc/{pid}/smaps_rollup").read_text()
+    return 1024 * sum(map(int, re.findall(r"^Private_(?:Clean|Dirty):\s+(\d+)", text, re.MULTILINE)))
+
+
+CROWD = "crowd"
+MOST_MEMORY = 100
+"""[MB] that the host may take for it: 64 for facts, 16 while the script is being ended, and its run."""
+IDLE = 0.5
+"""[s] of processor time that the host may take in the second after that."""
+CROWD_SCRIPT = """\
+script: crowd
+facts: {place: {id: none}}
+hears: {look: {}}
+begin with:
+BEGIN
+rules:
+  - rule: pairs
+    when:
+      - look
+      - place: {id: $a}
+      - place: {id: $b}
+      - place: {id: $c}
+      - place: {id: $d}
+    then:
+      - log: $a $b $c $d
+"""
+CROWD_ENDS = Row(
+    "script",
+    "a rule with four conditions over 200 facts: the script ends with a sentence",
+    "from the happening until the command line reports it",
+    3.0,
+)
+CROWD_STOPPED = Row("script", "`stop` while such a rule is compared, two robots moving", STAND, 1.5)
+
+
+async def crowd_ends(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
+    """Report the happening that such a rule waits for."""
+    await stage.furnish()
+    async with _led(stage) as (running, host):
+        began = asyncio.get_running_loop().time()
+        await stage.realm_client.call(CROWD, "look", {})
+        said = await running.end()
+        seconds = asyncio.get_running_loop().time() - began
+        trial = Trial(
+            CROWD_ENDS, "rule pairs" in said.complaints and "too many ways" in said.complaints, seconds
+        )
+        trial.note = "" if trial.reached else str(said)
+        trial.false = await host.excesses()
+    return [trial]
+
+
+async def crowd_stopped(stage: Stage, chance: random.Random) -> Sequence[Trial]:
+    """Stop everything while it compares, with a new command line."""
+    await stage.furnish()
+    async with _led(stage) as (running, host):
+        calls = await stage.both_move()
+        verb, marks = await stage.verb("stop", "--json"), marks_of(stage)
+        await asyncio.sleep(chance.uniform(0.0, 0.3))
+        with contextlib.suppress(VrError):  # the stop was quicker
+            await stage.realm_client.call(CROWD, "look", {})
+        said = await verb.end()
+        trial = Trial(CROWD_STOPPED, said.done and names(said) >= ALL, stood(marks) - verb.began)
+        trial.note = "" if trial.reached else str(said)
+        trial.false = false_reports(said, stage) + await still_moving(stage, calls)
+        trial.false += await host.excesses()
+        if (await running.end(5.0)).code is None:
+            trial.false.append("the script leads on")
+    return [trial]
+
+
+class _Host:
+    """The process in which the script runs, as the kernel sees it."""
+
+    def __init__(self, pid: int) -> None:
+        self._folder = Path(f"/proc/{pid}")
+        (self._folder / "clear_refs").write_text("5")  # from now on VmHWM is the most of this trial
+        self._before = self._memory("VmRSS")
+
+    async def excesses(self) -> list[str]:
+        """Name what it has taken too much of, and whether it still computes."""
+        grown = (self._memory("VmHWM") - self._before) / 1000
+        found = [f"the host took {grown:.0f} MB"] if grown > MOST_MEMORY else []
+        before = self._spent()
+        await asyncio.sleep(1.0)
+        spent = self._spent() - before
+        return found + ([f"the host still computes: {spent:.2f} s in one second"] if spent > IDLE else [])
+
+    def _memory(self, name: str) -> int:
+        """Return a size of the process [kB]."""
+        lines = (self._folder / "status").read_text().splitlines()
+        return int(next(line for line in lines if line.startswith(name)).split()[1])
+
+    def _spent(self) -> float:
+        """Return its processor time [s]."""
+        user, system = (self._folder / "stat").read_text().rpartition(")")[2].split()[11:13]
+        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+@asynccontextmanager
+async def _led(stage: Stage) -> AsyncIterator[tuple[Verb, _Host]]:
+    """Have the script lead nobody. Yields: the command line that started it, and its host."""
+    page = stage.folder.parent.parent / "crowd.yaml"
+    page.write_text(CROWD_SCRIPT.replace("BEGIN", "\n".join(f"  - place: {{id: p{n}}}" for n in range(200))))
+    await stage.realm_client.create(str(page), CROWD)
+    try:
+        running = await stage.verb("call", f"{CROWD}.start", "--within", "30 s")
+        async with asyncio.timeout(10.0):
+            while (await stage.realm_client.describe(CROWD)).attributes["condition"] != "active":  # noqa: ASYNC110 # another process
+                await asyncio.sleep(0.05)
+        yield running, _Host(stage.pid("host"))
+    finally:
+        await stage.realm_client.delete(CROWD)

@@ -8,19 +8,30 @@ import math
 import random
 import time
 from collections.abc import AsyncIterator, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 
-from robotree.protocol import Endpoint, Parser
+from robotree.protocol import Parser
 from robotree.protocol.links.keyring import create
-from robotree.protocol.links.link import Link
+from robotree.protocol.links.security import UNSIGNED
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import Goal, GoalStatus, ModeKind, SetMode, Verb
+from robotree.protocol.messages import (
+    ClaimStatus,
+    CommandAck,
+    CommandLong,
+    Goal,
+    GoalStatus,
+    MavCmd,
+    MavResult,
+    ModeKind,
+    SetMode,
+    Verb,
+)
 from robotree.protocol.testing import RecordingHandler
 from robotree.vr.base.errors import VrError
 from tests.scenarios.test_replay_after_a_kill import Operator
-from tests.soak.observer import BEAT, Observer, holds
-from tests.soak.stage import ARM, Stage
+from tests.soak.stage import ARM, Observer, Stage, holds
 from tests.soak.table import Row, Trial
+from tests.station import BEAT, Station
 
 FOREIGN = Row(
     "rule",
@@ -49,61 +60,41 @@ REPLAY = Row(
 EPOCH = Row("rule", "after frames with epochs near 2^32 the robot still takes commands", "the next call", 5.0)
 
 
-class GroundStation:
-    """Another program with the id that ground stations and proxies share."""
+@asynccontextmanager
+async def _beating(station: Station, period: float) -> AsyncIterator[None]:
+    """Have a ground station send heartbeats, each some time [s] after the other."""
 
-    def __init__(self) -> None:
-        self._mouth: Endpoint
-
-    async def dial(self, address: str) -> GroundStation:
-        """Connect."""
-        self._link = await connect(address, self._accept)
-        return self
-
-    def _accept(self, link: Link) -> Endpoint:
-        self._mouth = Endpoint(link, system=255, component=190, on_frame=lambda _frame: None)
-        return self._mouth
-
-    def say(self, message: object) -> None:
-        """Say something."""
-        self._mouth.send(message)  # type: ignore[arg-type] # any message
-
-    async def beat(self) -> None:
-        """Send heartbeats."""
+    async def beat() -> None:
         while True:
-            self.say(BEAT)
-            await asyncio.sleep(0.2)
+            station.say(BEAT)
+            await asyncio.sleep(period)
 
-    def close(self) -> None:
-        """Leave."""
-        self._link.close()
+    beating = asyncio.create_task(beat())
+    try:
+        yield
+    finally:
+        beating.cancel()
+        station.link.close()
 
 
 async def foreign_heartbeat(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     """Kill the proxy of an arm on UDP while another program sends heartbeats with its id."""
-    async with AsyncExitStack() as ties:
-        arm = await stage.start("udp arm", "sim", "arm", "--listen", "udp:127.0.0.1:0")
-        await stage.start("udp proxy", "proxy", "arm", "arm-2", "--connect", arm.address)
-        observer = await ties.enter_async_context(Observer(arm.address, 78))
-        station = await GroundStation().dial(arm.address)
-        ties.callback(station.close)
-        beating = asyncio.create_task(station.beat())
-        ties.callback(beating.cancel)
-        goal = {"x": 0.45, "y": 0.3, "z": 0.35, "twist": 0.0, "speed": 0.05}
-        await holds(lambda: observer.fresh, 5.0)
-        call = asyncio.ensure_future(stage.realm_client.call("arm-2", "go_to", goal, deadline=20))
-        moved = await observer.moves()
-        await asyncio.sleep(chance.uniform(0.2, 0.8))
-        mark = observer.mark()
-        await stage.kill("udp proxy")
-        trial = Trial(FOREIGN, moved and await observer.stands(8.0))
-        trial.seconds = observer.stood_after(mark)
-        trial.note = "" if trial.reached else "the arm did not move" if not moved else "it drives on"
-        if trial.reached and observer.place[1] > 0.28:
-            trial.false.append("it drove to the end of the movement")
-        call.cancel()
-        await asyncio.gather(call, return_exceptions=True)
-    await stage.kill("udp arm")
+    async with stage.another_arm("arm-2", listens="udp:127.0.0.1:0") as observer:
+        station = await Station(greets=False).dial(observer.address)
+        async with _beating(station, 0.2):
+            goal = {"x": 0.45, "y": 0.3, "z": 0.35, "twist": 0.0, "speed": 0.05}
+            call = asyncio.ensure_future(stage.realm_client.call("arm-2", "go_to", goal, deadline=20))
+            moved = await observer.moves()
+            await asyncio.sleep(chance.uniform(0.2, 0.8))
+            mark = observer.mark()
+            await stage.kill("arm-2 proxy")
+            trial = Trial(FOREIGN, moved and await observer.stands(8.0))
+            trial.seconds = observer.stood_after(mark)
+            trial.note = "" if trial.reached else "the arm did not move" if not moved else "it drives on"
+            if trial.reached and observer.place[1] > 0.28:
+                trial.false.append("it drove to the end of the movement")
+            call.cancel()
+            await asyncio.gather(call, return_exceptions=True)
     return [trial]
 
 
@@ -123,9 +114,7 @@ async def second_proxy(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
         await stage.realm_client.cancel(ARM)
         await call.end()
         began = time.monotonic()
-        said = await stage.say(
-            "call", f"{ARM}.go_to", "x=0.45", "y=0.1", "z=0.35", "twist=0", "--within", "10 s"
-        )
+        said = await stage.send(ARM, 0.1)
         trial.reached, trial.seconds = said.done, time.monotonic() - began
         trial.note = "" if said.done else str(said)
     finally:
@@ -226,34 +215,45 @@ async def replay(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
     arm = await stage.start("signed arm", *words, "tcp:127.0.0.1:0")
     stage.comes_back_at("signed arm", arm.address)
     operator = await Operator(key, 1).dial(arm.address)
-    operator.arm(0.0)
-    stopped = await holds(lambda: operator.latest() == ModeKind.SAFE_STOP, 5.0)
-    operator.arm(1.0)
-    released = await holds(lambda: operator.latest() == ModeKind.READY, 5.0)
+    released = await _stopped_and_released(operator)
     await stage.kill("signed arm")
     await stage.restart("signed arm")
     witness = await Operator(key, 100).dial(arm.address)
     await holds(lambda: witness.latest() == ModeKind.READY, 10.0)
-    witness.arm(0.0)
-    began = time.monotonic()
-    trial = Trial(REPLAY, await holds(lambda: witness.latest() == ModeKind.SAFE_STOP, 5.0))
-    trial.seconds = time.monotonic() - began
-    trial.reached = trial.reached and stopped and released
-    attacker = await connect(arm.address, RecordingHandler)
-    for frame in operator.said:
-        attacker.send(frame)
-    if await holds(lambda: witness.latest() != ModeKind.SAFE_STOP, 1.0):
-        trial.false.append("frames of the controller's last life released it in this one")
-    attacker.close()
+    trial = await _replayed(REPLAY, operator, witness, arm.address)
+    trial.reached = trial.reached and released
     await stage.kill("signed arm")
     key.unlink()
     return [trial]
 
 
+async def _stopped_and_released(operator: Operator) -> bool:
+    """Stop a signed arm, and release it; whether it did both."""
+    operator.arm(0.0)
+    stopped = await holds(lambda: operator.latest() == ModeKind.SAFE_STOP, 5.0)
+    operator.arm(1.0)
+    return stopped and await holds(lambda: operator.latest() == ModeKind.READY, 5.0)
+
+
+async def _replayed(row: Row, said: Operator, witness: Operator, address: str) -> Trial:
+    """Stop the arm of a witness, and replay to it what was said to another one, or in another life."""
+    witness.arm(0.0)
+    began = time.monotonic()
+    trial = Trial(row, await holds(lambda: witness.latest() == ModeKind.SAFE_STOP, 5.0))
+    trial.seconds = time.monotonic() - began
+    attacker = await connect(address, RecordingHandler)
+    for frame in said.said:
+        attacker.send(frame)
+    if await holds(lambda: witness.latest() != ModeKind.SAFE_STOP, 1.0):
+        trial.false.append("the recorded frames have released it")
+    attacker.close()
+    return trial
+
+
 async def great_epochs(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     """Send frames with epochs far ahead of any clock, then command the robot as usual."""
     await stage.furnish()
-    station = await GroundStation().dial(stage.arm.address)
+    station = await Station(greets=False).dial(stage.arm.address)
     epoch = 2**32 - 1 - chance.randrange(3)
     nothing = (math.nan,) * 7
     for message in (
@@ -271,18 +271,78 @@ async def great_epochs(stage: Stage, chance: random.Random) -> Sequence[Trial]:
     ):
         station.say(message)
         await asyncio.sleep(0.2)
-    station.close()
-    began = time.monotonic()
+    station.link.close()
     await asyncio.sleep(0.5)
     with contextlib.suppress(VrError):
         await stage.realm_client.resume(None)
     began = time.monotonic()
-    said = await stage.say(
-        "call", f"{ARM}.go_to", "x=0.45", "y=0.05", "z=0.35", "twist=0", "--within", "10 s"
-    )
+    said = await stage.send(ARM, 0.05)
     trial = Trial(EPOCH, said.done, time.monotonic() - began, note="" if said.done else str(said))
     if not said.done:  # so that the trials after this one find a robot
         await stage.kill("arm controller")
         await stage.restart("arm controller")
         await stage.whole()
+    return [trial]
+
+
+CROSSED = Row(
+    "wire",
+    "frames that release one signed arm, replayed to another one of the same key file",
+    "from the order to the other arm's safe stop",
+    5.0,
+)
+PLAIN = Row(
+    "wire",
+    "a tool without claims commands an arm after its proxy has claimed it and was ended",
+    "from the end of the proxy until a command is accepted",
+    8.0,
+)
+
+
+async def crossed(stage: Stage, _chance: random.Random) -> Sequence[Trial]:
+    """Record what releases one arm, and replay it to another one that is stopped."""
+    key = stage.folder / "crossed.key"
+    create(key)
+    arms = [
+        await stage.start(name, "sim", "arm", "--key", str(key), "--listen", "tcp:127.0.0.1:0")
+        for name in ("one arm", "other arm")
+    ]
+    one, other = [await Operator(key, 40 * place).dial(arm.address) for place, arm in enumerate(arms)]
+    released = await _stopped_and_released(one)
+    trial = await _replayed(CROSSED, one, other, arms[1].address)
+    trial.reached = trial.reached and released
+    for name in ("one arm", "other arm"):
+        await stage.kill(name)
+    key.unlink()
+    return [trial]
+
+
+async def plain(stage: Stage, chance: random.Random) -> Sequence[Trial]:
+    """Let a proxy claim an arm, kill it, and command the arm twice as MAVSDK does."""
+    arm = await stage.start("plain arm", "sim", "arm", "--listen", "tcp:127.0.0.1:0")
+    await stage.start("plain proxy", "proxy", "arm", "arm-3", "--connect", arm.address)
+    tool = await Station(security=UNSIGNED).dial(arm.address)
+
+    def results() -> list[int]:
+        return [each.result for each in tool.heard if isinstance(each, CommandAck) if each.result != 5]
+
+    def held() -> bool:
+        told = [each.holder for each in tool.heard if isinstance(each, ClaimStatus)]
+        return bool(told and told[-1])
+
+    async with _beating(tool, 0.5):
+        claimed = await holds(held, 10.0)
+        await asyncio.sleep(chance.uniform(0.0, 1.0))
+        await stage.kill("plain proxy")
+        began = time.monotonic()
+        trial = Trial(PLAIN, claimed and await holds(lambda: not held(), 5.0))
+        for y in (0.1, 0.0):
+            before = len(results())
+            place = (0.45, y, 0.35, 0.0, math.nan, math.nan, math.nan)
+            tool.say(CommandLong(1, 1, MavCmd.ROBOTREE_GO_TO, 0, *place))
+            answered = await holds(lambda before=before: len(results()) > before, 8.0)
+            if not answered or results()[-1] != MavResult.ACCEPTED:
+                trial.reached, trial.note = False, f"y = {y}: answers {results()}; {tool.sentences[-1:]}"
+            trial.seconds = trial.seconds or time.monotonic() - began
+    await stage.kill("plain arm")
     return [trial]

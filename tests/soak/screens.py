@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import random
-import signal
 import time
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -16,7 +14,7 @@ from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.pages.panel import PanelPage
 from robotree.tui.screen.widgets.cached_text import CachedText
 from tests.screen import text_of
-from tests.soak.stage import ARM, ROOT, Stage
+from tests.soak.stage import ARM, ROOT, Stage, suspended
 from tests.soak.stops import loaded
 from tests.soak.table import Row, Trial
 
@@ -77,13 +75,10 @@ async def hang_and_wake(stage: Stage, chance: random.Random) -> Sequence[Trial]:
 
         calm = await drawn(pilot, lambda: ARM in state() and "free" in state(), 10.0)
         told = len(app.store.entries)
-        os.kill(pid, signal.SIGSTOP)
-        try:
+        with suspended(pid):
             took = await drawn(pilot, lambda: "late" in state() or "HANGS" in state(), 10.0)
             await pilot.pause(chance.uniform(0.0, 4.0))
             hung, lines = state(), [entry.text for entry in list(app.store.entries)[told:]]
-        finally:
-            os.kill(pid, signal.SIGCONT)
         back = await drawn(pilot, lambda: "free" in state(), 10.0)
         app.pop_screen()
         listed = await drawn(pilot, lambda: ARM in text_of(app) and "HANGS" not in text_of(app), 5.0)

@@ -1,27 +1,220 @@
-"""The processes of the campaign: a small realm of real processes, and command lines beside them."""
+"""The processes of the campaign: a small realm of real processes, and command lines beside them.
+
+What a controller really does is seen over a separate link: the truth that all reports are compared with.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import json
+import math
 import os
 import re
 import signal
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections import deque
+from collections.abc import AsyncIterator, Generator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from robotree.client.joining import joined
+from robotree.protocol import Endpoint, Frame
+from robotree.protocol.errors import LinkError
+from robotree.protocol.links.link import Link
+from robotree.protocol.links.url import connect
+from robotree.protocol.messages import CommandLong, LocalPositionNed, MavCmd, Mode, ModeKind, Tool
 from robotree.tui.errors import MemberFailed
 from robotree.tui.processes.crew import Crew, Member
 from robotree.vr.base.errors import VrError
 from robotree.vr.supervision.realm_client import RealmClient
 from tests.command_line import ROBOTREE
-from tests.soak.observer import Observer, holds
+from tests.soak.table import Trial
+from tests.station import BEAT
+
+OFTEN = 5000.0
+"""[us] between two places: 200 a second."""
+STANDS = 0.01
+"""[m/s] A robot that is slower than this stands."""
+KEPT = 20_000
+"""Places that are remembered: more than a minute."""
+REDIAL = 0.1
+"""[s]"""
+SPAN = 0.05
+"""[s] over which a speed is taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Where a robot was."""
+
+    heard: float
+    """[s] on our clock."""
+    at: float
+    """[s] on the controller's, since it started."""
+    place: tuple[float, float, float]
+    """(3,) [m]"""
+
+
+class Observer:
+    """Watches one controller and commands nothing. It connects again whenever its link ends.
+
+    Args:
+        address: of the controller.
+        system: MAVLink system id, other than those of proxies and ground stations.
+    """
+
+    def __init__(self, address: str, system: int = 77) -> None:
+        self.address, self._system = address, system
+        self.seen: deque[Seen] = deque(maxlen=KEPT)
+        self.modes: deque[tuple[float, Mode]] = deque(maxlen=KEPT)
+        self._link: Link | None = None
+        self._work: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        self._work = asyncio.create_task(self._keep())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._work is not None:
+            self._work.cancel()
+            await asyncio.gather(self._work, return_exceptions=True)
+        if self._link is not None:
+            self._link.close()
+
+    async def _keep(self) -> None:
+        while True:
+            over = asyncio.Event()
+            with contextlib.suppress(LinkError, OSError):
+                await self._dial(over)
+                await over.wait()
+            await asyncio.sleep(REDIAL)
+
+    async def _dial(self, over: asyncio.Event) -> None:
+        ends: list[Endpoint] = []
+
+        def accept(link: Link) -> Endpoint:
+            ends.append(
+                Endpoint(
+                    link,
+                    system=self._system,
+                    component=1,
+                    on_frame=self._hear,
+                    on_closed=lambda _reason: over.set(),
+                )
+            )
+            return ends[0]
+
+        self._link = await connect(self.address, accept)
+        ends[0].send(BEAT)
+        for kind in (Tool, LocalPositionNed):
+            wish = (float(kind.codec.definition.id), OFTEN, 0.0, 0.0, 0.0, 0.0, 0.0)
+            ends[0].send(CommandLong(1, 1, MavCmd.SET_MESSAGE_INTERVAL, 0, *wish))
+
+    def _hear(self, frame: Frame) -> None:
+        now, message = time.monotonic(), frame.message
+        if isinstance(message, Tool | LocalPositionNed):
+            place = (message.x, message.y, message.z)
+            self.seen.append(Seen(now, message.time_boot_ms / 1000, place))
+        elif isinstance(message, Mode):
+            self.modes.append((now, message))
+
+    # -- what is seen ------------------------------------------------------------------------------
+
+    @property
+    def place(self) -> tuple[float, float, float]:
+        """(3,) [m] where it was last."""
+        return self.seen[-1].place if self.seen else (math.nan,) * 3
+
+    @property
+    def mode(self) -> int:
+        """What it does as a whole, a `ModeKind`; -1: nothing was heard yet."""
+        return self.modes[-1][1].mode if self.modes else -1
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it is in safe stop."""
+        return self.mode == ModeKind.SAFE_STOP
+
+    @property
+    def fresh(self) -> bool:
+        """Whether it was heard within the last 0.3 s."""
+        return bool(self.seen) and time.monotonic() - self.seen[-1].heard < 0.3
+
+    def speed(self) -> float:
+        """[m/s] over the last moment."""
+        if not self.seen:
+            return 0.0
+        last = self.seen[-1]
+        for one in reversed(self.seen):
+            if one.at > last.at:
+                return 0.0  # it has started anew
+            if last.at - one.at >= SPAN:
+                return math.dist(one.place, last.place) / (last.at - one.at)
+        return 0.0
+
+    def mark(self) -> tuple[float, float]:
+        """This moment: on our clock, and on the controller's as last heard."""
+        return time.monotonic(), self.seen[-1].at if self.seen else 0.0
+
+    def after(self, mark: tuple[float, float]) -> list[Seen]:
+        """Return what was seen from a moment on, in one life of the controller."""
+        return [one for one in self.seen if one.heard >= mark[0] and one.at >= mark[1]]
+
+    def stood_after(self, mark: tuple[float, float]) -> float:
+        """[s] on the controller's clock from a moment until it moved no more; 0: it never did."""
+        moved = self._moved_last(mark)
+        return 0.0 if moved is None else moved.at - mark[1]
+
+    def stood_at(self, mark: tuple[float, float]) -> float:
+        """[s] on our clock: when it was last heard to move since a moment; else that moment.
+
+        On a busy machine it is heard late, so it stood somewhat earlier.
+        """
+        moved = self._moved_last(mark)
+        return mark[0] if moved is None else moved.heard
+
+    def _moved_last(self, mark: tuple[float, float]) -> Seen | None:
+        """Where it was last seen to move since a moment; None: it never did."""
+        moved = None
+        for then, now in itertools.pairwise(self.after(mark)):
+            if now.at > then.at and math.dist(then.place, now.place) / (now.at - then.at) >= STANDS:
+                moved = now
+        return moved
+
+    def way_since(self, mark: tuple[float, float]) -> float:
+        """[m] that it has gone since a moment, along its path; noise below a millimetre is left out."""
+        way, last = 0.0, None
+        for one in self.seen:
+            if one.heard < mark[0]:
+                continue
+            if last is None or math.dist(last, one.place) >= 0.001:
+                way += 0.0 if last is None else math.dist(last, one.place)
+                last = one.place
+        return way
+
+    async def moves(self, within: float = 10.0, faster: float = 0.03) -> bool:
+        """Wait until it moves."""
+        return await holds(lambda: self.speed() > faster, within)
+
+    async def stands(self, within: float = 10.0) -> bool:
+        """Wait until it stands, and has for a moment."""
+        return await holds(lambda: self.fresh and self.speed() < STANDS, within)
+
+
+async def holds(what: object, within: float) -> bool:
+    """Wait until a condition holds; whether it came to that."""
+    assert callable(what)
+    until = time.monotonic() + within
+    while not what():
+        if time.monotonic() > until:
+            return False
+        await asyncio.sleep(0.01)
+    return True
+
 
 ROOT = Path(__file__).parents[2]
 ARM, ROVER, SQUARE = "arm-1", "rover-1", "square"
@@ -238,6 +431,11 @@ class Stage:
             await asyncio.sleep(0.02)
         return False
 
+    async def expect_whole(self, trial: Trial) -> None:
+        """Have a trial fail if the realm is not whole after it."""
+        if not await self.whole():
+            trial.reached, trial.note = False, f"the realm is not whole {WHOLE:g} s later"
+
     # -- commands in flight ------------------------------------------------------------------------
 
     async def move_arm(self, speed: float = 0.15) -> tuple[Verb, tuple[float, float, float]]:
@@ -255,6 +453,11 @@ class Stage:
             f"{LONGEST_CALL:g} s",
         )
         return await self.verb(*line), goal
+
+    async def send(self, robot: str, y: float) -> Said:
+        """Have an arm go to a place before it, and wait until the command line has ended."""
+        place = ("x=0.45", f"y={y}", "z=0.35", "twist=0")
+        return await self.say("call", f"{robot}.go_to", *place, "--within", "10 s")
 
     async def move_square(self) -> tuple[Verb, tuple[float, float, float]]:
         """Let the rover drive a square. Returns: the command line, and the start (3,) [m]."""
@@ -277,12 +480,49 @@ class Stage:
 
     async def frozen(self, name: str, seconds: float) -> None:
         """Stop a member with SIGSTOP for some time."""
-        pid = self.pid(name)
-        os.kill(pid, signal.SIGSTOP)
-        try:
+        with suspended(self.pid(name)):
             await asyncio.sleep(seconds)
+
+    @asynccontextmanager
+    async def another_arm(
+        self,
+        name: str,
+        *words: str,
+        kind: str = "arm",
+        listens: str = "tcp:127.0.0.1:0",
+        key: Sequence[str] = (),
+    ) -> AsyncIterator[Observer]:
+        """Start one more arm and its proxy: the members `NAME controller` and `NAME proxy`.
+
+        Args:
+            name: of the robot.
+            words: more of the controller's line.
+            kind: of the proxy.
+            listens: where the controller listens.
+            key: words for the line of both.
+        """
+        members = (f"{name} proxy", f"{name} controller")
+        controller = await self.start(members[1], "sim", "arm", *words, *key, "--listen", listens)
+        self.comes_back_at(members[1], controller.address)
+        try:
+            await self.start(members[0], "proxy", kind, name, "--connect", controller.address, *key)
+            async with Observer(controller.address, 80) as arm:
+                await holds(lambda: arm.fresh, 5.0)
+                yield arm
         finally:
-            os.kill(pid, signal.SIGCONT)
+            for member in members:
+                if member in self.members:
+                    await self.kill(member)
+
+
+@contextlib.contextmanager
+def suspended(pid: int) -> Generator[None]:
+    """Have a process stand still inside the block."""
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGCONT)
 
 
 def missed(said: Said) -> set[str]:

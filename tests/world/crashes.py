@@ -354,6 +354,10 @@ class CrashStory(Judged, Deeds):
         moments = [(chance.choice(MOMENTS), chance.choice([1, 2, 3, 5, 8, 13, 21, 34]))]
         if chance.random() < 0.3:
             moments.append((chance.choice(MOMENTS), chance.choice([1, 2, 3, 5, 8])))
+        self._arm(name, moments)
+
+    def _arm(self, name: str, moments: list[tuple[str, int]]) -> None:
+        """Have a host end at moments of its next lives."""
         self.ends += 1
         self.world.note("story", f"{name} is to end", str(moments))
         self.realm.count.pop(name, None)

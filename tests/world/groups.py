@@ -42,12 +42,13 @@ from robotree.vr.bundle import Bundle
 from robotree.vr.exchange.client import HostClient
 from robotree.vr.journal.journal import HostJournal
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.lookup.service import LookupService
 from robotree.vr.network.policy_file import PolicyFile
 from robotree.vr.running.process import Process
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
 from robotree.vr.world.world import Main, SimulatedProcess, World
+from tests.world.realm import be_lookup, be_operator
+from tests.world.story import Laws
 
 BUILT, CALM, LENGTH = 3.0, 40.0, 70.0
 """[s] from when on people act; from when on nothing goes wrong; of a story."""
@@ -128,13 +129,13 @@ class Cart(Robot):
         self.story.done[self.name, ticket] += 1
 
 
-class GroupStory:
+class GroupStory(Laws):
     """One story, from a seed."""
 
     def __init__(self, world: World, folder: Path) -> None:
-        self.world, self.chance = world, random.Random(f"{world.seed} groups")
+        super().__init__(world)
+        self.chance = random.Random(f"{world.seed} groups")
         world.network.gate = PolicyFile(folder)
-        self.broken: list[str] = []
         self.begun: Counter[tuple[str, float]] = Counter()
         self.done: Counter[tuple[str, float]] = Counter()
         self.stops: list[tuple[float, str]] = []
@@ -194,22 +195,13 @@ class GroupStory:
         self.world.run(LENGTH)
         self.broken += self.world.complaints
 
-    def complain(self, law: str) -> None:
-        if law not in self.broken:
-            self.broken.append(law)
-            self.world.note("judge", law)
-
     # -- the processes ----------------------------------------------------------------------------
 
     def start(self, name: str) -> None:
-        mains: dict[str, Main] = {"lookup": self._lookup, "host": self._host, "cart": self._cart}
+        mains: dict[str, Main] = {"lookup": be_lookup, "host": self._host, "cart": self._cart}
         main = mains.get(name.partition("-")[0], self._person)
         self.processes[name] = self.world.start(name, main)
         self._shake(name, 0.0)
-
-    async def _lookup(self, process: SimulatedProcess) -> None:
-        await LookupService(process.transport, process.name).start()
-        await asyncio.Event().wait()
 
     async def _cart(self, process: SimulatedProcess) -> None:
         transport = process.transport
@@ -220,9 +212,7 @@ class GroupStory:
         await asyncio.Event().wait()
 
     async def _person(self, process: SimulatedProcess) -> None:
-        client = self.people[process.name] = RealmClient(process.transport)
-        await client.start()
-        await asyncio.Event().wait()
+        await be_operator(process, self.people, watches=False)
 
     async def _host(self, process: SimulatedProcess) -> None:
         disk = MemoryDisk(self._medium, moment=lambda _: None, chance=self.chance.random)

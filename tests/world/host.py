@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from functools import partial
 from math import inf
 from types import ModuleType
@@ -18,24 +18,22 @@ from typing import Any, ClassVar
 
 from greenlet import getcurrent
 
-from robotree.vr.agents.host import Host
 from robotree.vr.base.errors import CommandFailed, VrError
 from robotree.vr.bundle import Bundle
 from robotree.vr.core.events import CoreEffect, CoreEvent
 from robotree.vr.core.machine import RobotCore, RobotState, encode_state
 from robotree.vr.exchange.client import HostClient
-from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.virtual_runner import VirtualProcess
 from robotree.vr.world.world import SimulatedProcess, TracedCore
 from tests.world.machine import MachineWorld, network_is_whole, play_on_machine
-from tests.world.story import Deeds
+from tests.world.realm import be_lookup, be_operator, host_in
+from tests.world.story import Deeds, Laws
 
 _BEGIN = """
 from robotree.vr import Child, VirtualRobot, command, state
-from tests.world.host import block, note, toil
+from tests.world.host import block, noted, toil
 """
 _WHEEL = '''
 class Wheel(VirtualRobot):
@@ -44,37 +42,28 @@ class Wheel(VirtualRobot):
 
     @command
     def turn(self, ticket: float, seconds: float) -> float:
-        note(self, "begins", ticket)
-        try:
+        with noted(self, ticket):
             self.sleep(seconds)
             self.turns += 1
-        finally:
-            note(self, "ends", ticket)
         return ticket
 
     @command
     def grind(self, ticket: float, seconds: float) -> float:
         """Compute, and ask nobody if it is cancelled."""
-        note(self, "begins", ticket)
-        try:
+        with noted(self, ticket):
             for _ in range(5):
                 toil(seconds)
                 self.progress(0.5)
-        finally:
-            note(self, "ends", ticket)
         return ticket
 
     @command
     def ignore(self, ticket: float, seconds: float) -> float:
         """Catch what ends it, once."""
-        note(self, "begins", ticket)
-        try:
+        with noted(self, ticket):
             try:
                 toil(10 * seconds)
             except BaseException:
                 toil(seconds)
-        finally:
-            note(self, "ends", ticket)
         return ticket
 
     @command
@@ -96,12 +85,9 @@ class Axle(VirtualRobot):
 
     @command
     def nested(self, ticket: float, seconds: float) -> float:
-        note(self, "begins", ticket)
-        try:
+        with noted(self, ticket):
             self.left.turn(ticket=ticket + 0.1, seconds=seconds)
             self.right.turn(ticket=ticket + 0.2, seconds=seconds)
-        finally:
-            note(self, "ends", ticket)
         return ticket
 
     @command
@@ -191,10 +177,16 @@ DETACHED = (7, 8, 9)
 """Last digits of tickets that go on without the command that has begun them."""
 
 
-def note(robot: Any, what: str, ticket: float) -> None:
-    """Tell the story."""
-    if HostStory.playing is not None:
-        HostStory.playing.note(robot.name, what, round(ticket, 1))
+@contextlib.contextmanager
+def noted(robot: Any, ticket: float) -> Generator[None]:
+    """Tell the story when a command begins and ends."""
+    story = HostStory.playing
+    assert story is not None
+    story.note(robot.name, "begins", round(ticket, 1))
+    try:
+        yield
+    finally:
+        story.note(robot.name, "ends", round(ticket, 1))
 
 
 def toil(seconds: float) -> None:
@@ -282,7 +274,7 @@ class SlowJournal:
             self._runner.waiter().wait(self._chance() * self._slow)
 
 
-class HostStory(Deeds):
+class HostStory(Laws, Deeds):
     """What happens on one host, and the laws that hold there."""
 
     playing: ClassVar[HostStory | None] = None
@@ -290,8 +282,8 @@ class HostStory(Deeds):
     world: MachineWorld
 
     def __init__(self, seed: int, world: MachineWorld) -> None:
-        self.world, self.chance = world, random.Random(f"{seed} host")
-        self.broken: list[str] = []
+        super().__init__(world)
+        self.chance = random.Random(f"{seed} host")
         self.realm_clients: dict[str, RealmClient] = {}
         self.processes: dict[str, SimulatedProcess] = {}
         self.host: Any = None
@@ -338,35 +330,23 @@ class HostStory(Deeds):
         world.run(LENGTH)
         self._check()
 
-    def complain(self, law: str) -> None:
-        self.broken.append(f"{self.world.runner.now():.3f}: {law}")
-
     # -- processes --------------------------------------------------------------------------------
 
     def start(self, name: str) -> None:
-        main = {"lookup": self._lookup, "host": self._hosting, "operator": self._operator}[
+        main = {"lookup": be_lookup, "host": self._hosting, "operator": self._operator}[
             name.partition("-")[0]
         ]
         self.processes[name] = self.world.start(name, main)
 
-    async def _lookup(self, process: SimulatedProcess) -> None:
-        await LookupService(process.transport, process.name).start()
-        await asyncio.Event().wait()
-
     async def _hosting(self, process: SimulatedProcess) -> None:
         self.journal = SlowJournal(process, self._slow_disk, self.chance.random)
         home = Process(process.runner, journal=self.journal, core=self._core)
-        transport = process.transport
-        self.host = Host(transport, process.name, registrar=Registrar(transport), process=home, limit=inf)
+        self.host = host_in(process, home)
         await self.host.start()
         await asyncio.Event().wait()
 
     async def _operator(self, process: SimulatedProcess) -> None:
-        realm_client = self.realm_clients[process.name] = RealmClient(process.transport)
-        await realm_client.start()
-        if process.name == OPERATORS[0]:
-            await realm_client.watch_state(None)
-        await asyncio.Event().wait()
+        await be_operator(process, self.realm_clients, watches=process.name == OPERATORS[0])
 
     def _core(self, state: RobotState) -> RobotCore:
         core = KeepingCore(state, self.world)

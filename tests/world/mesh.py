@@ -35,6 +35,7 @@ from tests.world.machine import (
     network_is_whole,
     play_on_machine,
 )
+from tests.world.story import Eventful, Laws
 
 LENGTH, CALM, PROBE = 11.0, 6.0, 10.0
 """[s] of a story; from when on nothing goes wrong any more; when each asks each."""
@@ -140,13 +141,15 @@ class Member:
         return self.numbers[way]
 
 
-class MeshStory:
+class MeshStory(Laws, Eventful):
     """What happens to one mesh, and the laws that it must keep."""
 
+    world: MachineWorld
+
     def __init__(self, seed: int, world: MachineWorld, *, starve: Sequence[float]) -> None:
-        self.world, self.chance = world, random.Random(f"{seed} mesh")
+        super().__init__(world)
+        self.chance = random.Random(f"{seed} mesh")
         self._starve = self.chance.choice(starve)
-        self.broken: list[str] = []
         self.members: dict[str, Member] = {}
         self.open: dict[str, float] = {}
         """Requests that have not ended, and when they must have [s]."""
@@ -161,7 +164,7 @@ class MeshStory:
         """When all were frozen last, or went on."""
         self.last_fault = -QUIET
         """When something happened last, or was over."""
-        self._wounds: list[Callable[[], None]] = []
+        self._wounds = []
 
     # -- what happens -----------------------------------------------------------------------------
 
@@ -216,12 +219,6 @@ class MeshStory:
     def undisturbed_keys(self) -> list[str]:
         """Return the keys of the members that everybody who joins must know."""
         return [one.key for one in self._ready() if self.quiet(one)]
-
-    def complain(self, law: str) -> None:
-        self.broken.append(f"{self.world.runner.now():.3f}: {law}")
-
-    def _after(self, seconds: float, action: Callable[..., object], *arguments: Any) -> None:
-        self.world.runner.at(self.world.runner.now() + seconds, partial(action, *arguments))
 
     def _ready(self) -> list[Member]:
         return [
@@ -451,8 +448,7 @@ class MeshStory:
             heal()
             self.last_fault = self.world.runner.now()
 
-        self._wounds.append(over)
-        self._after(seconds, over)
+        super()._for(seconds, over)
 
     def _kill(self) -> None:
         victim = self._victim()
@@ -566,9 +562,7 @@ class MeshStory:
         )
 
     def _heal(self) -> None:
-        wounds, self._wounds = self._wounds, []
-        for heal in wounds:
-            heal()
+        super()._heal()
         self.world.machine.trouble = Trouble()
         self.world.runner.preemption.share = 0.0
 

@@ -99,10 +99,7 @@ class MoveStory(CrashStory):
             else (chance.choice(MOMENTS), chance.choice([1, 2, 3, 5, 8, 13, 21]))
             for _ in range(chance.choice([1, 1, 2]))
         ]
-        self.ends += 1
-        self.world.note("story", f"{name} is to end", str(moments))
-        self.realm.count.pop(name, None)
-        self.realm.armed[name] = moments
+        self._arm(name, moments)
 
     def _deeds(self) -> list[Callable[[], None]]:
         """No old copy of a disk: it has robots that are elsewhere, and says so to nobody."""

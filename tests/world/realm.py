@@ -316,6 +316,42 @@ class CartProxy(RobotProxy):
         return ticket
 
 
+async def be_lookup(process: SimulatedProcess) -> None:
+    """Be a lookup service, for ever."""
+    await LookupService(process.transport, process.name.replace(".", "-")).start()
+    await asyncio.Event().wait()
+
+
+async def be_operator(
+    process: SimulatedProcess,
+    clients: dict[str, RealmClient],
+    name: str = "",
+    *,
+    realm: str = "",
+    watches: bool = True,
+) -> None:
+    """Be the program of an operator, for ever.
+
+    Args:
+        process: in which it runs.
+        clients: gets its client.
+        name: under which it gets it; empty: that of the process.
+        realm: what the realm is called.
+        watches: whether it watches the states of all robots, as the screen does.
+    """
+    client = clients[name or process.name] = RealmClient(process.transport, realm)
+    await client.start()
+    if watches:
+        await client.watch_state(None)
+    await asyncio.Event().wait()
+
+
+def host_in(process: SimulatedProcess, home: Process[Any]) -> Host:
+    """Return a host that keeps nothing."""
+    transport = process.transport
+    return Host(transport, process.name, registrar=Registrar(transport), process=home, limit=inf)
+
+
 class Realm:
     """All processes of one World by name; those that died can be started again."""
 
@@ -352,7 +388,7 @@ class Realm:
 
     def _main_of(self, name: str) -> Main:
         roles: dict[str, Main] = {
-            "lookup": self._lookup,
+            "lookup": be_lookup,
             "host": self._host,
             "cart": self._cart,
             "operator": self._operator,
@@ -380,15 +416,8 @@ class Realm:
 
     # -- what the processes do --------------------------------------------------------------------
 
-    async def _lookup(self, process: SimulatedProcess) -> None:
-        await LookupService(process.transport, process.name).start()
-        await asyncio.Event().wait()
-
     async def _host(self, process: SimulatedProcess) -> None:
-        transport = process.transport
-        home = self._process(process)
-        host = Host(transport, process.name, registrar=Registrar(transport), process=home, limit=inf)
-        self.hosts[process.name] = host
+        host = self.hosts[process.name] = host_in(process, self._process(process))
         await host.start()
         await asyncio.Event().wait()
 
@@ -408,10 +437,7 @@ class Realm:
             await agent.closed.wait()
 
     async def _operator(self, process: SimulatedProcess) -> None:
-        realm_client = self.realm_clients[process.name] = RealmClient(process.transport)
-        await realm_client.start()
-        await realm_client.watch_state(None)  # as the screen does
-        await asyncio.Event().wait()
+        await be_operator(process, self.realm_clients)
 
     def _begin(self, cart: str, ticket: int, epoch: int) -> None:
         self.begun.append((self.world.runner.now(), cart, ticket, epoch))

@@ -29,7 +29,6 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.places import Places
 from robotree.vr.lookup.registrar import Registrar
-from robotree.vr.lookup.service import LookupService
 from robotree.vr.running.process import Process
 from robotree.vr.sites.frames import SiteStopped
 from robotree.vr.sites.gateway import Gateway
@@ -40,6 +39,8 @@ from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.supervision.stop import StopScope
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.world import SimulatedProcess, World
+from tests.world.realm import be_lookup, be_operator
+from tests.world.story import Laws
 from tests.world.wide import MemoryGround, WideArea, WidePipe
 
 SITES = ("lab", "hall", "yard")
@@ -78,12 +79,11 @@ class Team(VirtualRobot):
         return self.rover.work(ticket=ticket)
 
 
-class Judge:
+class Judge(Laws):
     """Watches the robots, and reports each broken law."""
 
     def __init__(self, world: World) -> None:
-        self.world = world
-        self.broken: list[str] = []
+        super().__init__(world)
         self.asked: dict[float, float] = {}
         """When each ticket was asked for [s]."""
         self.tickets = set[float]()
@@ -93,11 +93,6 @@ class Judge:
         self.begun = 0
         self.agents: dict[str, RobotAgent] = {}
         """Robots of processes that live, by site and name."""
-
-    def complain(self, law: str) -> None:
-        if law not in self.broken:
-            self.broken.append(law)
-            self.world.note("judge", law)
 
     def begin(self, rover: Rover, ticket: float) -> None:
         """A robot begins a command."""
@@ -215,7 +210,7 @@ class Realm:
         site, _, role = name.partition(".")
         mains: dict[str, Callable[[SimulatedProcess], Any]] = {
             "gateway": self._gateway,
-            "lookup": self._lookup,
+            "lookup": be_lookup,
             "rover": partial(self._robot, kind=self.rover_class),
             "team": partial(self._robot, kind=Team),
             "operator": self._operator,
@@ -249,10 +244,6 @@ class Realm:
         self.gateways[site] = gateway
         await asyncio.Event().wait()
 
-    async def _lookup(self, process: SimulatedProcess) -> None:
-        await LookupService(process.transport, process.name.replace(".", "-")).start()
-        await asyncio.Event().wait()
-
     async def _robot(self, process: SimulatedProcess, kind: type[Robot]) -> None:
         site, _, name = process.name.partition(".")
         robot = kind(name)
@@ -266,10 +257,7 @@ class Realm:
         await asyncio.Event().wait()
 
     async def _operator(self, process: SimulatedProcess) -> None:
-        client = self.operators[process.name.partition(".")[0]] = RealmClient(process.transport, "plant")
-        await client.start()
-        await client.watch_state(None)  # as the screen does
-        await asyncio.Event().wait()
+        await be_operator(process, self.operators, process.name.partition(".")[0], realm="plant")
 
 
 class Story:

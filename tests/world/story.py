@@ -13,6 +13,7 @@ import contextlib
 import random
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from robotree.protocol.messages import ModeKind
@@ -74,12 +75,27 @@ AGAIN = 2.0
 """[s] between two looks of the operator at what is missing or free."""
 
 
-class Judge:
+class Laws:
+    """The laws of a story, as far as they were broken."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.broken: list[str] = []
+        """The laws that were broken; empty: none."""
+
+    def complain(self, law: str) -> None:
+        """Note that a law is broken."""
+        if law not in self.broken:
+            self.broken.append(law)
+            self.world.note("judge", law)
+
+
+class Judge(Laws):
     """Watches the realm, and reports each broken law."""
 
     def __init__(self, realm: Realm) -> None:
-        self.realm, self.world = realm, realm.world
-        self.broken: list[str] = []
+        super().__init__(realm.world)
+        self.realm = realm
         self.deadlines: dict[int, float] = {}
         """Until when each drive may go on, by its ticket."""
         self.stopped: dict[str, float] = {}
@@ -98,12 +114,6 @@ class Judge:
         self._tickets: set[int] = set()
         self._keys: set[tuple[object, str]] = set()
         realm.on_call = self.look_at_call
-
-    def complain(self, law: str) -> None:
-        """Note that a law is broken."""
-        if law not in self.broken:
-            self.broken.append(law)
-            self.world.note("judge", law)
 
     def look(self) -> None:
         """Look at everything, and again soon."""
@@ -197,10 +207,38 @@ class Judge:
                     )
 
 
-class Deeds:
-    """A story in which operators do something, and other things happen."""
+class Eventful:
+    """A story in which things go wrong, and are healed."""
 
     world: World
+    _wounds: list[Callable[[], object]]
+    """What heals what is broken at the moment."""
+
+    def _after(self, seconds: float, action: Callable[..., object], *arguments: Any) -> None:
+        self.world.runner.at(self.world.runner.now() + seconds, partial(action, *arguments))
+
+    def _for(self, seconds: float, heal: Callable[[], object]) -> None:
+        """Heal something after a while, and at the latest when all is healed."""
+        done = False
+
+        def once() -> None:
+            nonlocal done
+            if not done:
+                done = True
+                heal()
+
+        self._wounds.append(once)
+        self._after(seconds, once)
+
+    def _heal(self) -> None:
+        wounds, self._wounds = self._wounds, []
+        for heal in wounds:
+            heal()
+
+
+class Deeds(Eventful):
+    """A story in which operators do something, and other things happen."""
+
     processes: dict[str, SimulatedProcess]
     realm_clients: dict[str, RealmClient]
     """Of the operators whose programs are in the realm."""
@@ -213,9 +251,6 @@ class Deeds:
             process.do(lambda: work, what)
         else:
             work.close()
-
-    def _after(self, seconds: float, action: Callable[[], object]) -> None:
-        self.world.runner.at(self.world.runner.now() + seconds, action)
 
     def _deed(self, what: str) -> None:
         self.deeds += 1
@@ -256,7 +291,7 @@ class Judged:
         self.judge.complain(law)
 
 
-class Story(Judged):
+class Story(Judged, Eventful):
     """What happens to one realm."""
 
     def __init__(self, seed: int, world: World) -> None:
@@ -269,8 +304,7 @@ class Story(Judged):
         """Parents and their children."""
         self.whole = ""
         """The result of the last call, through the whole tree."""
-        self._wounds: list[Callable[[], None]] = []
-        """What heals what is broken at the moment."""
+        self._wounds = []
 
     def tell(self) -> None:
         """Let it all happen."""
@@ -493,19 +527,6 @@ class Story(Judged):
     def _victim(self) -> str:
         return self.chance.choice([name for name in self.realm.processes if name != "operator-1"])
 
-    def _for(self, seconds: float, heal: Callable[[], None]) -> None:
-        """Heal something after a while, and at the latest when all is healed."""
-        done = False
-
-        def once() -> None:
-            nonlocal done
-            if not done:
-                done = True
-                heal()
-
-        self._wounds.append(once)
-        self.world.runner.at(self.world.runner.now() + seconds, once)
-
     def _kill(self) -> None:
         name, chance = self._victim(), self.chance
         process = self.realm.processes[name]
@@ -578,9 +599,6 @@ class Story(Judged):
             self._goals_of_a_dead_proxy_arrive_late,
         ]
 
-    def _after(self, seconds: float, action: Callable[[], None]) -> None:
-        self.world.runner.at(self.world.runner.now() + seconds, action)
-
     def _drive_long(self, name: str, seconds: float, deadline: float, operator: str = "operator-1") -> None:
         self._ticket += 1
         self._drive(name, self._ticket, seconds, deadline, operator)
@@ -630,21 +648,29 @@ class Story(Judged):
 
     def _a_stop_crosses_a_release(self) -> None:
         """Two operators: one releases the stop of a cart while the other one stops it again."""
-        chance, now = random.Random(f"{self.world.seed} crossing"), self.world.runner.now()
-        network = self.world.network
+        network, at = self.world.network, self.world.runner.at
         one, other = (self.realm.processes[name].transport for name in ("operator-2", "cart-3"))
         network.weather.jitter = 0.1
+
+        def hold_up(begin: float) -> None:
+            # what is in force has been asked for; the release itself is held up
+            at(begin + 0.9, lambda: network.cut_one_way(one, other))
+            at(begin + 1.5, lambda: network.heal(one, other))
+
+        self._cross(hold_up)
+        self._after(6.5, self._clear_up)
+
+    def _cross(self, hold_up: Callable[[float], None]) -> None:
+        """Stop and release a cart twice; each release is held up, from some time after this moment."""
+        chance, now = random.Random(f"{self.world.seed} crossing"), self.world.runner.now()
         for begin in (now, now + 3.0):
             self._order_stop(begin, "cart-3")
             self._order_resume(begin + 0.8, "cart-3", "operator-2")
-            # what is in force has been asked for; the release itself is held up
-            self.world.runner.at(begin + 0.9, lambda: network.cut_one_way(one, other))
+            hold_up(begin)
             self._order_stop(begin + chance.uniform(1.06, 1.1), "cart-3")
-            self.world.runner.at(begin + 1.5, lambda: network.heal(one, other))
             for later in (1.8, 2.2):
                 self.world.runner.at(begin + later, lambda: self._drive_long("cart-3", 0.3, 2.0))
         self._order_resume(now + 6.0, "cart-3")
-        self._after(6.5, self._clear_up)
 
     def _power_cycle(self, name: str) -> None:
         # until its proxy has stopped it again it may move
@@ -669,9 +695,7 @@ class Story(Judged):
 
     def _heal(self) -> None:
         self.bonds = dict(BONDS)
-        wounds, self._wounds = self._wounds, []
-        for heal in wounds:
-            heal()
+        super()._heal()
         for name in list(self.realm.processes):
             self._revive(name)
 

@@ -115,16 +115,7 @@ class WholeStory(Story):
                     del names[self.chance.choice(sorted(names))]
 
     def _a_stop_crosses_a_release(self) -> None:
-        """The release of one operator is held up on its way while the other one stops the cart again."""
-        chance, now = random.Random(f"{self.world.seed} crossing"), self.world.runner.now()
-        for begin in (now, now + 3.0):
-            self._order_stop(begin, "cart-3")
-            self._order_resume(begin + 0.8, "cart-3", "operator-2")
-            self.world.runner.at(begin + 0.8001, self._hold_up)
-            self._order_stop(begin + chance.uniform(1.06, 1.1), "cart-3")
-            for later in (1.8, 2.2):
-                self.world.runner.at(begin + later, lambda: self._drive_long("cart-3", 0.3, 2.0))
-        self._order_resume(now + 6.0, "cart-3")
+        self._cross(lambda begin: self.world.runner.at(begin + 0.8001, self._hold_up))
 
     def _hold_up(self) -> None:
         ends = self._links(["operator-2", "cart-3"])
