@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import os
@@ -13,7 +12,6 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Coroutine
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -196,30 +194,6 @@ class Stage:
         while sum(each[0] == word for each in self.effects) < count:
             assert time.monotonic() < latest, f"{self.effects}\n{self.told()}"
             await asyncio.sleep(0.005)
-
-
-@dataclass
-class Counted:
-    """What a campaign of kills has counted."""
-
-    kills: Counter[str] = field(default_factory=Counter[str])
-    """By boundary or victims."""
-    steps: int = 0
-    twice: list[str] = field(default_factory=list[str])
-    lost: list[str] = field(default_factory=list[str])
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing was done twice and nothing is lost."""
-        return not (self.twice or self.lost)
-
-
-def options(doc: str | None, kills: int) -> argparse.ArgumentParser:
-    """Return the options that all campaigns have: how many kills, and the seed of their chance."""
-    parser = argparse.ArgumentParser(description=(doc or "").partition("\n")[0])
-    parser.add_argument("--kills", type=int, default=kills)
-    parser.add_argument("--seed", type=int, default=1)
-    return parser
 
 
 def in_folder(play: Callable[[Path], Coroutine[Any, Any, T]]) -> T:

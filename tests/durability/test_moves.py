@@ -14,7 +14,7 @@ import pytest
 
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.permissions import Isolation
-from tests.durability.moves import DESTINATION, SOURCE
+from tests.durability.campaign import DESTINATION, SOURCE
 from tests.durability.stage import PATIENCE, Program, Stage
 
 pytestmark = pytest.mark.e2e

@@ -13,16 +13,12 @@ import asyncio
 import sys
 import tempfile
 import time
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from robotree.vr.base.errors import VrError
-from robotree.vr.network.local import join
-from robotree.vr.supervision.realm_client import RealmClient
-from tests.laboratory.laboratory import PAGES
+from tests.laboratory.laboratory import PAGES, joined_in
 from tests.laboratory.test_far_site import Far
-from tests.plant import Machine
 from tests.waiting import until
 
 CROWD = 100
@@ -33,10 +29,10 @@ TAKERS = 3
 
 async def flooded(far: Far, rate: float, loss: float, rounds: int) -> None:
     """Have pictures flood the line, and stop all robots now and then."""
-    async with beside(far.plant) as there:
+    async with joined_in(Path(far.plant.environment["XDG_RUNTIME_DIR"]), "plant") as there:
         for number in range(CROWD):
             await there.create(str(PAGES), f"leaf-{number}", "host-2", "Leaf")
-    async with beside(far.desk) as here:
+    async with joined_in(Path(far.desk.environment["XDG_RUNTIME_DIR"]), "plant") as here:
         await until(lambda: len(here.present("robot")) > CROWD, "all are seen")
         far.line.be(delay=0.02, rate=rate, loss=loss)
         sizes, over = list[int](), asyncio.Event()
@@ -63,19 +59,6 @@ async def flooded(far: Far, rate: float, loss: float, rounds: int) -> None:
         over.set()
         far.line.be()
         await asyncio.gather(*looking)
-
-
-@asynccontextmanager
-async def beside(machine: Machine) -> AsyncGenerator[RealmClient]:
-    """Join the realm at a machine."""
-    transport = await join("plant", root=Path(machine.environment["XDG_RUNTIME_DIR"]) / "robotree")
-    client = RealmClient(transport, "plant")
-    try:
-        await client.start()
-        yield client
-    finally:
-        await client.close()
-        await transport.close()
 
 
 def main() -> int:

@@ -276,7 +276,9 @@ class Laboratory:
             + [Process(self, site, "host", f"host-{site}") for site in SITES]
         )
         for site in SITES:
-            self.clients[site] = await self._stack.enter_async_context(self._joined(site))
+            self.clients[site] = await self._stack.enter_async_context(
+                joined_in(self.folder / site / "run", REALM)
+            )
         await self.until(self.sees_hosts, "all hosts are seen")
         for site in SITES:
             client = self.clients[site]
@@ -343,16 +345,16 @@ class Laboratory:
         folder.parent.chmod(0o700)
         return folder / "keys"
 
-    @contextlib.asynccontextmanager
-    async def _joined(self, site: str) -> AsyncIterator[RealmClient]:
-        transport = await join(REALM, root=self.folder / site / "run" / "robotree")
-        try:
-            client = RealmClient(transport, REALM)
-            await client.start()
-            try:
-                yield client
-            finally:
-                with contextlib.suppress(VrError):
-                    await client.close()
-        finally:
-            await transport.close()
+
+@contextlib.asynccontextmanager
+async def joined_in(folder: Path, realm: str) -> AsyncIterator[RealmClient]:
+    """Join a realm at a machine, whose runtime folder this is."""
+    transport = await join(realm, root=folder / "robotree")
+    client = RealmClient(transport, realm)
+    try:
+        await client.start()
+        yield client
+    finally:
+        with contextlib.suppress(VrError):
+            await client.close()
+        await transport.close()

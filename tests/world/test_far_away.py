@@ -152,7 +152,7 @@ def played(delay: float, until: float, seed: int = 1) -> Beyond:
 
 @pytest.mark.parametrize("delay", [10.0, NEAREST, FARTHEST])
 def test_what_is_far_away_is_safe_though_nobody_can_be_asked_in_time(delay: float) -> None:
-    beyond = played(delay, 8 * delay + 120.0)
+    beyond = played(delay, 4 * delay + 120.0)  # the stop comes after two ways, its answer after three
     stopped = beyond.asked["stop"] + delay
     assert {who for _, who, _ in beyond.steps} == {"tour"}, "only the robot beside it commands the arm"
     assert all(when <= stopped + SLACK for when, _, _ in beyond.steps), "nothing begins after the stop"

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 
 from tests.world.families import FAMILIES
 from tests.world.safeguards import SAFEGUARDS, VARIABLE, without
+from tests.world.story import Laws
 
 ROOT = Path(__file__).resolve().parents[2]
 CAUGHT = {
@@ -129,11 +131,26 @@ def broken_with_all(family: str, seed: int) -> list[str]:
     return FAMILIES[family](seed)[1]
 
 
+class BrokenLawError(Exception):
+    """Ends a story."""
+
+
+def end_story(self: Laws, law: str) -> None:
+    """Note that a law is broken; nobody has to see the rest."""
+
+    def end() -> None:
+        raise BrokenLawError(law)
+
+    self.broken.append(law)
+    self.world.runner.at(0.0, end)
+
+
 @pytest.mark.parametrize("safeguard", CAUGHT)
-def test_without_a_safeguard_its_seed_breaks_a_law(safeguard: str) -> None:
+def test_without_a_safeguard_its_seed_breaks_a_law(safeguard: str, monkeypatch: pytest.MonkeyPatch) -> None:
     family, seed = CAUGHT[safeguard]
     assert broken_with_all(family, seed) == []
-    with without(safeguard):
+    monkeypatch.setattr(Laws, "complain", end_story)
+    with without(safeguard), contextlib.suppress(BrokenLawError):
         assert FAMILIES[family](seed)[1]
 
 
