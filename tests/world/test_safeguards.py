@@ -102,7 +102,7 @@ ELSEWHERE = {
     "a host whose log can neither be written nor removed ends": "vr/journal/test_host_journal.py",
     "moments that were kept are moved to the present clock": "vr/journal/test_host_journal.py",
     "each life of a host counts its calls anew": "vr/core/test_effects_after_the_journal.py",
-    "one host writes a log": "vr/journal/test_segments.py",
+    "one host writes a log": "vr/journal/test_log_places.py",
     "a call's number is given back when its result is kept": "vr/journal/test_host_journal.py",
     "a page that takes another step than before is ended": "vr/journal/test_steps_taken_again.py",
     "a child that was begun once is not begun by another life of it": "vr/journal/test_steps_taken_again.py",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 import sys
 import time
+from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -163,13 +164,15 @@ def kept(history: HistoryWriter, robot: str = "arm") -> list[HistoryEvent]:
 
 
 @pytest.fixture
-def history(tmp_path: Path) -> HistoryWriter:
-    return HistoryWriter(tmp_path / "h1")
+def history(tmp_path: Path) -> Iterator[HistoryWriter]:
+    history = HistoryWriter(tmp_path / "h1")
+    history.start()
+    yield history
+    history.close()
 
 
 def test_a_call_is_kept_with_who_asked_and_how_it_ended(history: HistoryWriter) -> None:
     history.page_of = {"arm": "cafe"}.get  # type: ignore[assignment]
-    history.start()
     robot = Robot(history)
     robot.go("k", line=12)
     robot.end("k", Raised(error="CommandFailed", data={"robot": "arm", "command": "go", "detail": "stuck"}))
@@ -182,32 +185,26 @@ def test_a_call_is_kept_with_who_asked_and_how_it_ended(history: HistoryWriter) 
     assert abs(accepted.unix - time.time()) < 60
     assert (ended.kind, ended.error) == ("ended", "CommandFailed")
     assert accepted.unix <= ended.began <= ended.unix
-    history.close()
 
 
 def test_a_call_that_only_reads_is_not_kept(history: HistoryWriter) -> None:
-    history.start()
     robot = Robot(history)
     robot.go("r", reads=True)
     robot.end("r")
     robot.go("k")
     assert [event.key for event in kept(history)] == ["k"]
-    history.close()
 
 
 def test_of_a_call_that_was_asked_twice_one_acceptance_and_one_end_are_kept(history: HistoryWriter) -> None:
-    history.start()
     robot = Robot(history)
     robot.go("k")
     robot.go("k")
     robot.end("k")
     robot.go("k")
     assert [event.kind for event in kept(history)] == ["accepted", "ended"]
-    history.close()
 
 
 def test_a_lease_that_ends_by_silence_is_kept_as_one_that_is_released(history: HistoryWriter) -> None:
-    history.start()
     robot, parent = Robot(history), Address("robot", "team", "1" * 16)
     now = time.monotonic()
     robot.core.handle(
@@ -217,17 +214,14 @@ def test_a_lease_that_ends_by_silence_is_kept_as_one_that_is_released(history: H
     begin, end = kept(history)
     assert (begin.kind, begin.parent, begin.text) == ("lease", "team", "team commands it")
     assert end.text.startswith("team commands it no more: ")
-    history.close()
 
 
 def test_one_order_to_stop_that_comes_twice_is_one_stop(history: HistoryWriter) -> None:
-    history.start()
     robot = Robot(history)
     for _ in range(2):
         order = on.StopAsked(reason="anna@pts/3's protective stop", order="o", principal=ANNA)
         robot.core.handle(order, time.monotonic())
     assert [(event.kind, event.person) for event in kept(history)] == [("stop", "anna@pts/3")]
-    history.close()
 
 
 def test_what_did_not_fit_into_the_queue_is_counted_in_the_file(tmp_path: Path) -> None:
