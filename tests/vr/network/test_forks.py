@@ -12,10 +12,9 @@ from typing import Any
 import pytest
 
 from robotree.files.forks import CODE
-from robotree.vr.network.local import LocalTransport
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.promises import until
-from tests.vr.network.processes import Process, Start
+from tests.vr.network.conftest import Enter, Process, Start
 
 PAGE = '''
 import concurrent.futures, contextlib, logging, multiprocessing, os
@@ -152,9 +151,7 @@ async def host(start: Start) -> Process:
 
 
 @pytest.fixture
-async def call(
-    start: Start, host: Process, join_realm: Callable[[], Awaitable[LocalTransport]], tmp_path: Path
-) -> AsyncIterator[Call]:
+async def call(start: Start, host: Process, join_realm: Enter, tmp_path: Path) -> AsyncIterator[Call]:
     """Call a command of a robot in a host that is a process of its own."""
     assert host.process.returncode is None
     rover = await start("robot", "rover")
@@ -214,7 +211,7 @@ async def test_a_child_has_its_own_pipe_and_no_socket_of_robotree(call: Call, ho
 
 @pytest.mark.speed
 async def test_the_death_of_a_process_is_seen_at_once_though_its_child_lives(
-    call: Call, host: Process, join_realm: Callable[[], Awaitable[LocalTransport]]
+    call: Call, host: Process, join_realm: Enter
 ) -> None:
     pid = await call("leaves", seconds=20.0)
     transport = await join_realm()

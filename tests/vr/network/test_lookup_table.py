@@ -1,4 +1,4 @@
-"""The table of a lookup service: laws of leases and revisions, with time as an argument."""
+"""What a lookup service keeps, and one list out of several: laws with time as an argument."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from robotree.vr.lookup.table import (
     LookupTable,
     Update,
 )
+from robotree.vr.lookup.union import MOST_ABSENT, Change, Union
 
 ARM = Address("robot", "arm", "1")
 
@@ -214,3 +215,59 @@ def test_what_is_known_does_not_depend_on_the_order_in_which_it_was_learnt(
             else:
                 table.withdraw(ARM, revision, now=0.0)
     assert tables[0].find(Template(), now=0.0) == tables[1].find(Template(), now=0.0)
+
+
+# -- one list out of several services: what is remembered of those who withdrew --------------------
+
+QUICK, SLOW = "lookup/quick/1", "lookup/slow/1"
+
+
+def agent(number: int) -> Address:
+    return Address("robot", f"arm-{number}", "1")
+
+
+class Seen(Union):
+    """Knows who is alive from what it was shown."""
+
+    def __init__(self) -> None:
+        self.alive = set[Address]()
+        super().__init__(self.alive.__contains__)
+        self.add_service(QUICK)
+        self.add_service(SLOW)
+
+    def show(self, address: Address, *, alive: bool) -> list[Change]:
+        (self.alive.add if alive else self.alive.discard)(address)
+        return self.see(address)
+
+
+def test_who_came_and_went_leaves_no_trace_for_ever() -> None:
+    """Each withdrawal is heard when its agent has already gone."""
+    both = Seen()
+    for number in range(MOST_ABSENT + 50):
+        both.show(agent(number), alive=True)
+        both.take_news(SLOW, Listed(listing=listing(1, agent(number))))
+        both.show(agent(number), alive=False)
+        both.take_news(SLOW, Unlisted(address=agent(number), revision=2))
+    assert len(both._withdrawn) == len(both._absent) == MOST_ABSENT
+
+
+def test_who_lives_is_not_forgotten_for_those_who_have_gone() -> None:
+    both = Seen()
+    living = agent(0)
+    both.show(living, alive=True)
+    both.take_news(QUICK, Unlisted(address=living, revision=2))
+    for number in range(1, MOST_ABSENT + 50):
+        both.take_news(QUICK, Unlisted(address=agent(number), revision=2))
+    assert both.take_news(SLOW, Listed(listing=listing(1, living))) == [], "it has been withdrawn meanwhile"
+
+
+def test_who_hung_for_a_while_is_not_listed_again_by_an_old_word() -> None:
+    both = Seen()
+    address = agent(0)
+    both.show(address, alive=True)
+    both.take_news(QUICK, Unlisted(address=address, revision=2))
+    both.show(address, alive=False)
+    both.show(address, alive=True)
+    assert both.take_news(SLOW, Listed(listing=listing(1, address))) == []
+    again = Listed(listing=listing(3, address))
+    assert both.take_news(QUICK, again) == [Change("arrived", again.listing)]

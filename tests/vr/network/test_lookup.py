@@ -1,25 +1,27 @@
-"""Agents, lookup services and onlookers, with every accident between them, in virtual time."""
+"""Names and the services that list who has them, with every accident between them, in virtual time."""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import msgspec
 import pytest
 
+from robotree.vr.base.address import Address, Role
 from robotree.vr.base.description import Listing, Template
-from robotree.vr.base.errors import NoSuchHost, NoSuchRobot, NoSuchView
+from robotree.vr.base.errors import BadName, DuplicateName, NameInSilence, NoSuchHost, NoSuchRobot, NoSuchView
 from robotree.vr.base.requests import Register, Registered
-from robotree.vr.base.transport import Incoming, Registration
+from robotree.vr.base.transport import Incoming, Registration, Transport
 from robotree.vr.exchange.asking import ask
-from robotree.vr.exchange.claim import new_address
+from robotree.vr.exchange.claim import claim, new_address
 from robotree.vr.lookup import registrar
 from robotree.vr.lookup.directory import FIRST_LOOK, SYNCHRONISE, Directory
 from robotree.vr.lookup.registrar import TERM, Registrar
 from robotree.vr.lookup.service import LookupService
 from robotree.vr.world.network import MemoryNetwork
-from robotree.vr.world.testing import in_virtual_time
+from robotree.vr.world.testing import LOOKUP_CHECKS, Join, Open, in_virtual_time
 
 
 class Agent:
@@ -70,10 +72,14 @@ class Onlooker:
         return [listing.name for listing in self.directory.listings]
 
 
-async def open_lookup(network: MemoryNetwork, name: str) -> LookupService:
-    service = LookupService(network.join(name), name)
+async def open_service(transport: Transport, name: str) -> LookupService:
+    service = LookupService(transport, name)
     await service.start()
     return service
+
+
+async def open_lookup(network: MemoryNetwork, name: str) -> LookupService:
+    return await open_service(network.join(name), name)
 
 
 async def open_realm(*agents: str, lookups: int = 3) -> Any:
@@ -334,3 +340,90 @@ async def test_what_was_closed_asks_and_tells_nothing_more() -> None:
     await service.close()
     left = asyncio.all_tasks() - {asyncio.current_task()}
     assert not left, "no task is left behind"
+
+
+# -- the service alone -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("check", LOOKUP_CHECKS, ids=lambda check: check.__name__)
+@in_virtual_time
+async def test_a_lookup_service_passes_its_examination(
+    check: Callable[[Join, Open], Awaitable[None]], join_memory: Join
+) -> None:
+    await check(join_memory, open_service)
+
+
+@in_virtual_time
+async def test_two_of_one_name_cannot_be() -> None:
+    network = MemoryNetwork()
+    first = await open_lookup(network, "lookup-1")
+    with pytest.raises(DuplicateName, match="a lookup named 'lookup-1' is already running"):
+        await open_lookup(network, "lookup-1")
+    await first.close()
+    await (await open_lookup(network, "lookup-1")).close()
+
+
+@in_virtual_time
+async def test_a_name_that_breaks_addresses_is_refused() -> None:
+    with pytest.raises(BadName):
+        LookupService(MemoryNetwork().join(), "a/b")
+
+
+# -- one living agent has each name, also if two came at the same moment ---------------------------
+
+
+@in_virtual_time
+async def test_a_name_whose_holder_hangs_is_not_given_to_another() -> None:
+    """When it wakes there would be two, and each would take the children for its own."""
+    network = MemoryNetwork()
+    one, other = network.join("one"), network.join("other")
+    held = await claim(one, new_address("robot", "arm"))
+    network.freeze(one)
+    await asyncio.sleep(2 * network.lease)
+    assert not other.presence.keys("robot/**")
+    with pytest.raises(NameInSilence, match=r"a robot named 'arm' is in one, which hangs; choose .*thaw"):
+        await claim(other, new_address("view", "arm"))
+    network.kill(one)
+    await claim(other, new_address("robot", "arm"))
+    await held.close()
+
+
+@pytest.mark.parametrize(("first", "second"), [("robot", "robot"), ("robot", "view"), ("view", "robot")])
+@in_virtual_time
+async def test_a_name_is_refused_until_its_holder_has_gone_but_a_host_may_have_that_of_a_robot(
+    first: Role, second: Role
+) -> None:
+    network = MemoryNetwork()
+    one, other = network.join(), network.join()
+    held = await claim(one, new_address(first, "cell"))
+    with pytest.raises(DuplicateName, match=f"a {first} named 'cell' is already running"):
+        await claim(other, new_address(second, "cell"))
+    await claim(other, new_address("host", "cell"))
+    await claim(other, new_address("lookup", "cell"))
+    await held.close()
+    await claim(other, new_address(second, "cell"))
+    assert len(one.presence.keys("*/cell/*")) == 3
+
+
+@in_virtual_time
+async def test_a_holder_that_is_just_leaving_is_waited_for() -> None:
+    network = MemoryNetwork(delay=0.02)
+    one, other = network.join(), network.join()
+    held = await claim(one, new_address("robot", "arm"))
+    asyncio.get_running_loop().call_later(0.05, lambda: asyncio.ensure_future(held.close()))
+    assert await claim(other, new_address("robot", "arm"))
+
+
+@pytest.mark.parametrize("role", ["robot", "view"])
+@in_virtual_time
+async def test_of_two_who_wait_for_a_holder_to_leave_exactly_one_stays(role: Role) -> None:
+    """Both see it go at the same moment, and neither sees the other before it has announced itself."""
+    network = MemoryNetwork(delay=0.04)
+    holder, *waiting = (network.join() for _ in range(3))
+    held = await claim(holder, Address("robot", "arm", "0"))
+    asyncio.get_running_loop().call_later(0.02, lambda: asyncio.ensure_future(held.close()))
+    await asyncio.sleep(0.05)
+    addresses = Address("robot", "arm", "1"), Address(role, "arm", "2")
+    one, other = await asyncio.gather(*map(claim, waiting, addresses), return_exceptions=True)
+    assert not isinstance(one, BaseException), "the smaller address"
+    assert isinstance(other, DuplicateName)

@@ -1,21 +1,29 @@
-"""The one presence table of a process: asked in any thread, watched in order, certain of who hangs."""
+"""Who is there, as a process knows it: in its table, in the record of the folder, and to the end of each."""
 
 from __future__ import annotations
 
 import asyncio
+import math
 import os
+import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain, combinations
 from pathlib import Path
 
 import pytest
 
+from robotree import files
 from robotree.vr.base.errors import TransportClosed
+from robotree.vr.base.os_files import OSFiles
 from robotree.vr.base.presence import LONGEST, Held, Presence
+from robotree.vr.network import rendezvous
+from robotree.vr.network.link import Channel, News, Sample, Topic
 from robotree.vr.network.mesh import HANGS, LATE, RECENT, STEADY, Mesh
 from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.world.testing import in_virtual_time
+from tests.vr.network.visitor import SOON, Visitor, descriptors
 from tests.waiting import wait_until
 
 ARM = "robot/arm/1"
@@ -141,6 +149,9 @@ async def test_a_closed_table_refuses_every_question() -> None:
         await table.hanging("**")
 
 
+# -- between processes -----------------------------------------------------------------------------
+
+
 @pytest.fixture
 def there(tmp_path: Path) -> Iterator[Rendezvous]:
     """The place of a process that holds a robot and reads nothing of what it is sent."""
@@ -224,3 +235,221 @@ def test_who_says_so_has_left_and_who_dies_has_not(three: list[Mesh]) -> None:
     wait_until(lambda: here.presence.keys("robot/*/*") == [], "it is not so")
     assert here.presence.left("robot/polite/1"), "though its process has ended since"
     assert not here.presence.left("robot/lost/1")
+
+
+# -- the record is complete, whatever happens to the folder while it is read -----------------------
+
+Change = Callable[["Frozen"], None]
+
+
+class Frozen:
+    """A process that holds a robot and answers nobody; its socket accepts what the kernel accepts."""
+
+    def __init__(self, root: Path) -> None:
+        self.place = Rendezvous("test", root)
+        self.doors = [self.place.register()]
+        self.place.hold(ARM)
+
+    def lose_its_folder(self) -> None:
+        shutil.rmtree(self.place.directory, ignore_errors=True)
+
+    def lose_its_list(self) -> None:
+        (self.place.directory / f"{self.place.tag}.held").unlink(missing_ok=True)
+
+    def lose_its_name(self) -> None:
+        (self.place.directory / f"{self.place.tag}.sock").unlink(missing_ok=True)
+
+    def come_again(self) -> None:
+        self.doors.append(self.place.register())
+        self.doors.pop(0).close()
+
+    def close(self) -> None:
+        for door in self.doors:
+            door.close()
+
+
+@pytest.fixture
+def frozen(tmp_path: Path) -> Iterator[Frozen]:
+    process = Frozen(tmp_path / "r")
+    yield process
+    process.close()
+
+
+class Steps:
+    """Counts the steps in which the record is read, and changes something before one of them."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.done, self.at, self.change = 0, -1, lambda: None
+        for owner, name in (
+            (rendezvous, "listening"),
+            (os, "scandir"),
+            (files, "read"),
+            (OSFiles, "lives"),
+        ):
+            monkeypatch.setattr(owner, name, self._counted(getattr(owner, name)))
+
+    def _counted(self, step: Callable[..., object]) -> Callable[..., object]:
+        def counted(*args: object, **options: object) -> object:
+            self.done += 1
+            if self.done == self.at:
+                self.at = -1  # the change is made once
+                self.change()
+            return step(*args, **options)
+
+        return counted
+
+
+def lose_and_come(frozen: Frozen) -> None:
+    frozen.lose_its_folder()
+    frozen.come_again()
+
+
+@pytest.mark.parametrize("met_before", [False, True])
+@pytest.mark.parametrize(
+    ("before", "change"),
+    [
+        (None, Frozen.lose_its_folder),
+        (None, Frozen.lose_its_list),
+        (None, Frozen.lose_its_name),
+        (None, lose_and_come),
+        (Frozen.lose_its_folder, Frozen.come_again),
+        (Frozen.lose_its_list, Frozen.lose_its_name),
+        (Frozen.lose_its_name, Frozen.come_again),
+    ],
+)
+def test_a_change_of_the_folder_at_any_step_hides_no_process(
+    *,
+    before: Change | None,
+    change: Change,
+    met_before: bool,
+    frozen: Frozen,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    newcomer = Mesh(Rendezvous("test", frozen.place.directory.parent))
+    if met_before:
+        newcomer._dial_all()  # it does not answer the greeting
+        assert frozen.place.tag in newcomer._peers
+    steps = Steps(monkeypatch)
+    newcomer.held("robot/*/*")
+    most = steps.done
+    assert most > 2
+    for step in range(1, most + 2):
+        frozen.come_again()
+        if before is not None:
+            before(frozen)
+        steps.done, steps.at, steps.change = 0, step, lambda: change(frozen)
+        found = newcomer.held("robot/*/*")
+        assert [one for one in found if one.key in {ARM, ""}], f"missed at step {step} of {most}"
+    newcomer.close()
+
+
+@pytest.mark.parametrize("channel", list(Channel))
+def test_a_stop_is_left_for_a_process_of_which_one_channel_is_known(frozen: Frozen, channel: Channel) -> None:
+    """A newcomer may have said hello on either channel first; only what is urgent comes in order."""
+    newcomer = Mesh(Rendezvous("test", frozen.place.directory.parent))
+    newcomer._dial_all()
+    links = newcomer._peers[frozen.place.tag].links
+    links.pop(channel).close()
+    replies: list[bytes | None] = []
+    newcomer.ask(ARM, b"halt", void_at=math.inf, urgent=True, on_reply=replies.append)
+    assert replies == [None], "nobody waits for it"
+    heard = b""
+    for _ in Channel:
+        with frozen.doors[0].accept()[0] as line:
+            heard += line.recv(65536)
+    assert (b"halt" in heard) == (channel is not Channel.URGENT)
+    newcomer.close()
+
+
+# -- the end of a process is seen, whatever it said last and however late that is read -------------
+
+LAST_WORDS = {
+    Channel.URGENT: News(Topic.HOLDS, "robot/arm/2", there=True),
+    Channel.BULK: Sample("robot/arm/1/state", b"last words"),
+}
+ALL = [*chain.from_iterable(combinations(Channel, count) for count in range(len(Channel) + 1))]
+
+
+class HeldUp:
+    """A mesh whose reader can be held up in a callback, as a machine under load holds up a thread."""
+
+    def __init__(self, root: Path) -> None:
+        self.mesh = Mesh(Rendezvous("test", root))
+        self.mesh.open()
+        self.held_up, self.go = threading.Event(), threading.Event()
+        self.mesh.subscribe("hold/up", lambda _key, _body: (self.held_up.set(), self.go.wait(SOON)))
+
+    def hold_up(self, visitor: Visitor) -> None:
+        visitor.say(Channel.BULK, Sample("hold/up", b""))
+        assert self.held_up.wait(SOON)
+
+    def sees(self, key: str = ARM) -> bool:
+        return self.mesh.presence.there(key)
+
+
+@pytest.fixture
+def held_up(tmp_path: Path) -> Iterator[HeldUp]:
+    one = HeldUp(tmp_path / "r")
+    yield one
+    one.go.set()
+    one.mesh.close().result(SOON)
+
+
+def visit(held_up: HeldUp) -> Visitor:
+    visitor = Visitor(held_up.mesh.place, held_up.mesh.place.tag)
+    visitor.greet(ARM)
+    wait_until(held_up.sees, "it is seen")
+    return visitor
+
+
+@pytest.mark.parametrize(
+    "channels", ALL, ids=lambda channels: "+".join(one.name for one in channels) or "none"
+)
+def test_the_end_of_a_process_is_seen_though_it_comes_together_with_data(
+    held_up: HeldUp, channels: Sequence[Channel]
+) -> None:
+    before = descriptors()
+    visitor = visit(held_up)
+    held_up.hold_up(visitor)
+    for channel in channels:
+        visitor.say(channel, LAST_WORDS[channel])
+    visitor.close()
+    held_up.go.set()
+    wait_until(lambda: not held_up.sees(), "its end is not seen")
+    wait_until(lambda: descriptors() == before, "its connections are kept")
+
+
+@pytest.mark.parametrize("channel", Channel, ids=lambda channel: channel.name)
+def test_one_of_two_connections_that_breaks_with_data_ends_both(held_up: HeldUp, channel: Channel) -> None:
+    before = descriptors()
+    visitor = visit(held_up)
+    held_up.hold_up(visitor)
+    visitor.say(channel, LAST_WORDS[channel])
+    visitor.lines.pop(channel).close()
+    held_up.go.set()
+    wait_until(lambda: not held_up.sees(), "its end is not seen")
+    wait_until(lambda: descriptors() == before + len(visitor.lines), "its connections are kept")
+    visitor.close()
+
+
+def test_a_connection_that_is_closed_in_one_direction_only_has_ended(held_up: HeldUp) -> None:
+    visitor = visit(held_up)
+    held_up.hold_up(visitor)
+    visitor.say(Channel.URGENT, LAST_WORDS[Channel.URGENT])
+    visitor.lines[Channel.URGENT].shutdown(1)
+    held_up.go.set()
+    assert visitor.is_cut_off(Channel.BULK), "its end is not seen"
+    visitor.close()
+
+
+def test_who_dials_says_half_a_word_and_dies_leaves_nothing_behind(held_up: HeldUp) -> None:
+    before = descriptors()
+    visitor = visit(held_up)
+    held_up.hold_up(visitor)
+    half = Visitor(held_up.mesh.place, held_up.mesh.place.tag)
+    half.dial(Channel.URGENT).sendall(b"\x40\x00\x00\x00half a hello")
+    half.close()
+    visitor.close()
+    held_up.go.set()
+    wait_until(lambda: not held_up.sees(), "its end is not seen")
+    wait_until(lambda: descriptors() == before, "the connection of the half word is kept")
