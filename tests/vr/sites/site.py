@@ -1,4 +1,4 @@
-"""Sites of a realm for tests: gateways over a hub that loses, holds back and forges.
+"""A realm for tests, its members and its sites: gateways over a hub that loses, holds back and forges.
 
 In virtual time each machine is a `MemoryNetwork`; in real time it has the mesh of its processes.
 """
@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import random
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription
@@ -23,18 +25,51 @@ from robotree.vr.exchange.authority import Here
 from robotree.vr.exchange.dispatcher import Dispatcher
 from robotree.vr.network.local import LocalTransport, join
 from robotree.vr.network.policy_file import PolicyFile
-from robotree.vr.sites.certificates import MemberKind
+from robotree.vr.sites.certificates import Authority, MemberKind, Trust
 from robotree.vr.sites.frames import SiteStopped
 from robotree.vr.sites.gateway import Gateway
+from robotree.vr.sites.handshake import Handshakes, Own
 from robotree.vr.sites.invitations import read_token, request_to_join, token_of
 from robotree.vr.sites.keys import RealmKeys, create
 from robotree.vr.sites.keys import join as join_realm_keys
 from robotree.vr.sites.pipe import LinkState, OnArrival
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
-from tests.vr.sites.realm import WALL, Realm
 from tests.waiting import until
 from tests.world.wide import MemoryGround
+
+WALL = 1_800_000_000.0
+"""[s since 1970] of the tests."""
+
+
+def chance(seed: int) -> Callable[[int], bytes]:
+    return random.Random(seed).randbytes
+
+
+class Realm:
+    """A realm with an authority."""
+
+    def __init__(self, name: str = "cell", seed: int = 1) -> None:
+        self.name, self.draw = name, chance(seed)
+        self.authority = Authority(name, self.key())
+        self.serials = 0
+
+    def key(self) -> Ed25519PrivateKey:
+        return Ed25519PrivateKey.from_private_bytes(self.draw(32))
+
+    def trust(self) -> Trust:
+        return Trust(self.name, self.authority.public)
+
+    def own(self, name: str, kind: MemberKind = "site", *, now: float = WALL, days: float = 30) -> Own:
+        key = self.key()
+        self.serials += 1
+        certificate = self.authority.admit(
+            name, kind, key.public_key().public_bytes_raw(), serial=self.serials, now=now, days=days
+        )
+        return Own(certificate, key)
+
+    def gateway(self, name: str, kind: MemberKind = "site") -> Handshakes:
+        return Handshakes(self.own(name, kind), self.trust(), chance=self.draw)
 
 
 class MemoryHub:

@@ -1,16 +1,20 @@
-"""The pipe over real hubs: one after the other, and back to the first."""
+"""Hubs: their own certificates, and the pipe over real ones, one after the other and back to the first."""
 
 from __future__ import annotations
 
 import asyncio
+import datetime as dt
 import os
 import socket
+import ssl
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 import zenoh
 
-from robotree.vr.sites.hub import HubAddress, open_hub
+from robotree.vr.sites.hub import HubAddress, certificate_in, open_hub
 from robotree.vr.sites.invitations import Hub
 from robotree.vr.sites.zenoh_pipe import ZenohPipe
 from robotree.vr.world.testing import until
@@ -116,3 +120,16 @@ async def test_what_is_for_all_goes_by_all_hubs_and_what_is_for_one_goes_once(pi
     await until(goes_once, "as soon as the hubs know who is there")
     for number in (0, 1):
         await hubs.end(number)
+
+
+NOW = dt.datetime(2026, 11, 1, tzinfo=dt.UTC)
+
+
+def test_hubs_that_start_at_once_have_one_certificate_with_the_key_that_belongs_to_it(tmp_path: Path) -> None:
+    for number in range(8):
+        folder = tmp_path / f"{number}"
+        with ThreadPoolExecutor(4) as pool:
+            made = list(pool.map(lambda _, at=folder: certificate_in(at, NOW), range(4)))
+        assert len({one.fingerprint for one in made}) == 1
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(made[0].certificate, made[0].key)  # refuses a key that does not belong to it
