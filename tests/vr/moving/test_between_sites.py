@@ -40,7 +40,7 @@ from robotree.vr.running.runner import Threads
 from tests.vr.bundle.signed import key_of
 from tests.vr.moving.stage import HEADER
 from tests.vr.moving.test_moves import LEAF, TOUR
-from tests.vr.policy.test_over_sites import rule, text
+from tests.vr.policy.test_enforced import rule, text
 from tests.vr.sites.site import MemoryHub, SiteOfTest, hub, sites
 from tests.waiting import PATIENCE, until
 

@@ -161,7 +161,7 @@ async def test_what_differs_from_the_call_that_was_allowed_is_refused(realm: Any
     "attack", ["", "arguments", "assistant", "stop", "expiry", "life", "no", "key", "id", "none"]
 )
 async def test_a_yes_that_was_given_at_another_site_is_checked_by_the_robot(realm: Any, attack: str) -> None:
-    """As the gateway brings it: `test_over_sites.py` has the whole way."""
+    """As the gateway brings it: `test_enforced.py` has the whole way."""
     rover = Rover("rover-1")
     agent = await realm.start(rover)
     realm.rule(RULES.replace(f"'{ME}': all", "anna@lab: all"))

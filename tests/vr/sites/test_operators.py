@@ -8,7 +8,7 @@ from robotree.files import replace
 from robotree.vr.base.requests import OperatorHere, encode
 from robotree.vr.supervision.operators import Operators
 from tests.vr.policy.conftest import ME
-from tests.vr.policy.test_over_sites import in_force, signed, text
+from tests.vr.policy.test_enforced import in_force, signed, text
 from tests.vr.sites.site import SiteOfTest
 from tests.waiting import until
 
