@@ -193,7 +193,7 @@ class OSFiles:
 def short(path: Path) -> Generator[str]:
     """Give a socket's path a form that the system takes, however long it is (108 bytes, unix(7)).
 
-    It is left as it is where that is short enough: the system remembers it, see `network/living.py`.
+    It is left as it is where that is short enough: the system remembers it, see `network/realms.py`.
     """
     if len(os.fsencode(path)) < LONGEST_PATH:
         yield str(path)

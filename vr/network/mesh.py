@@ -56,9 +56,8 @@ from robotree.vr.network.link import (
     Topic,
     pack,
 )
-from robotree.vr.network.living import asleep, remedy
 from robotree.vr.network.readers import Readers, Sockets, What
-from robotree.vr.network.realms import TAG, process_of
+from robotree.vr.network.realms import TAG, asleep, process_of, remedy
 from robotree.vr.network.refusals import Refusals
 from robotree.vr.network.rendezvous import Beat, Rendezvous
 

@@ -32,7 +32,6 @@ from robotree.vr.base.address import check_name, mark
 from robotree.vr.base.errors import RealmUnusable
 from robotree.vr.base.principal import user_name
 from robotree.vr.base.system import THIS_SYSTEM, Socket, System
-from robotree.vr.network.living import listening
 from robotree.vr.network.realms import (
     DEFAULT_REALM,
     HELD,
@@ -42,6 +41,7 @@ from robotree.vr.network.realms import (
     dial,
     keys_of,
     leads_to,
+    listening,
     places,
     process_of,
     realm_folder,

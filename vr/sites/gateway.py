@@ -62,8 +62,11 @@ from robotree.vr.sites.frames import (
     SiteStopped,
     StillSo,
     StopSite,
+    arrived,
     decode_frame,
     encode_frame,
+    leaving,
+    sender_of,
 )
 from robotree.vr.sites.ground import Ground
 from robotree.vr.sites.handshake import Handshakes
@@ -76,7 +79,6 @@ from robotree.vr.sites.standing import Standing
 from robotree.vr.sites.stopping import SiteStops, StopHere
 from robotree.vr.sites.stream import PIECE, Full, SiteStream
 from robotree.vr.sites.summary import Mirrors, Summaries, is_state
-from robotree.vr.sites.translating import arrived, leaving, sender_of
 
 TICK: Final = 0.1
 """[s] between two looks at all sites."""

@@ -34,8 +34,7 @@ from robotree.vr.base.errors import (
 from robotree.vr.base.extras import explained
 from robotree.vr.base.requests import KeptEntry, KeptFence
 from robotree.vr.journal.postgres import first_words, without_password
-from robotree.vr.space.memory import nothing
-from robotree.vr.space.store import Contents, Durability, EntryNews, FenceState
+from robotree.vr.space.store import Contents, Durability, EntryNews, FenceState, nothing
 from robotree.vr.space.table import Row
 
 if TYPE_CHECKING:

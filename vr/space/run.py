@@ -10,9 +10,8 @@ from pathlib import Path
 
 from robotree.vr.base.address import check_name
 from robotree.vr.network.local import join
-from robotree.vr.space.memory import MemoryStore
 from robotree.vr.space.service import SpaceService
-from robotree.vr.space.store import Durability, SpaceStore
+from robotree.vr.space.store import Durability, MemoryStore, SpaceStore
 
 MEMORY = "memory"
 """Instead of a file or a URL: nothing is kept."""

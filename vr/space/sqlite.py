@@ -20,8 +20,7 @@ from robotree.files.database import OwnedDatabase
 from robotree.vr.base.entry import Entry, marks_of
 from robotree.vr.base.errors import SpaceDamaged, SpaceError, SpaceFull, SpaceUnusable
 from robotree.vr.base.system import clock_shift
-from robotree.vr.space.memory import MemoryStore, finite
-from robotree.vr.space.store import Durability
+from robotree.vr.space.store import Durability, MemoryStore, finite
 from robotree.vr.space.table import MOST_ENTRIES, FenceRow, Row, SpaceTable
 
 MARK = 0x526F5370

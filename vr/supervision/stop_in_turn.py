@@ -32,9 +32,8 @@ from robotree.vr.network.link import (
     Unpacker,
     pack,
 )
-from robotree.vr.network.living import asleep
 from robotree.vr.network.mesh import LOST_FILES, held_by
-from robotree.vr.network.realms import dial, leads_to, process_of
+from robotree.vr.network.realms import asleep, dial, leads_to, process_of
 from robotree.vr.network.rendezvous import Rendezvous
 from robotree.vr.supervision.stop import CONFIRM
 

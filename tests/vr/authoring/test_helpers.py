@@ -10,7 +10,7 @@ import pytest
 
 from robotree.vr.base.errors import BrokenSource
 from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.package import close_all
+from robotree.vr.bundle.loader import close_all
 
 PYTHON = f"{sys.version_info[0]}.{sys.version_info[1]}"
 PAGE = '''

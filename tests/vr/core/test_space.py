@@ -23,8 +23,8 @@ from robotree.vr.base.errors import (
     SpaceLost,
     TransactionOver,
 )
-from robotree.vr.space.memory import MemoryStore
 from robotree.vr.space.service import SpaceService
+from robotree.vr.space.store import MemoryStore
 
 pytestmark = pytest.mark.usefixtures("space")
 

@@ -22,7 +22,7 @@ from robotree.vr.base.policy import Person, PolicyGate
 from robotree.vr.base.principal import Voucher
 from robotree.vr.base.requests import Call, Resume
 from robotree.vr.network.permit_file import MOST_WAITING, PermitFiles
-from robotree.vr.sites.translating import arrived
+from robotree.vr.sites.frames import arrived
 from robotree.vr.world.network import MemoryNetwork
 from tests.vr.policy.conftest import ME, PoliticalRealm
 

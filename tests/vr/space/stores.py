@@ -6,10 +6,9 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from robotree.vr.space.memory import MemoryStore
 from robotree.vr.space.postgres import PostgresStore
 from robotree.vr.space.sqlite import SqliteStore
-from robotree.vr.space.store import SpaceStore
+from robotree.vr.space.store import MemoryStore, SpaceStore
 from tests.vr.space.postgres import Server
 
 KINDS = ("memory", "sqlite", "postgres")

@@ -32,11 +32,10 @@ from robotree.vr.base.requests import (
     WriteEntry,
 )
 from robotree.vr.exchange.asking import ask
-from robotree.vr.space.memory import MemoryStore
 from robotree.vr.space.postgres import PostgresStore
 from robotree.vr.space.service import SpaceService
 from robotree.vr.space.sqlite import SqliteStore
-from robotree.vr.space.store import SpaceStore
+from robotree.vr.space.store import MemoryStore, SpaceStore
 from robotree.vr.world.examine_space import job
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from tests.vr.space import stores

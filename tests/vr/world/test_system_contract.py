@@ -22,7 +22,7 @@ from robotree.vr.base.os_files import (
     WRITABLE,
 )
 from robotree.vr.base.system import THIS_SYSTEM, Socket, System
-from robotree.vr.network.living import asleep, listening
+from robotree.vr.network.realms import asleep, listening
 from robotree.vr.world.virtual_runner import VirtualProcess, virtual_runner
 from tests.world.machine import Machine
 
