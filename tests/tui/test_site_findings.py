@@ -8,8 +8,7 @@ import pytest
 from robotree.tui.diagnosis.finding import Finding
 from robotree.tui.diagnosis.sites import DAY, judged
 from robotree.vr.base.requests import GatewayDescribed, SiteSeen
-from robotree.vr.sites.showing import RememberedSite, seen
-from robotree.vr.sites.site import Site
+from robotree.vr.sites.site import RememberedSite, Site, seen
 
 NOW = 1_800_000_000.0
 HALL = SiteSeen(

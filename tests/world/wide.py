@@ -14,12 +14,12 @@ import msgspec
 from robotree.vr.base.pattern import matches
 from robotree.vr.base.transport import Incoming, OnReply
 from robotree.vr.network.mesh import TakeFrame
-from robotree.vr.sites.pipe import LinkState, OnArrival
+from robotree.vr.sites.networks import LinkState, OnArrival
 from robotree.vr.world.network import Agenda, MemoryTransport
 
 
 class MemoryGround:
-    """What a gateway needs of the network of its machine, besides a transport: see `vr/sites/ground.py`."""
+    """What a gateway needs of the network of its machine, besides a transport: see `vr/sites/networks.py`."""
 
     def __init__(self, transport: MemoryTransport) -> None:
         """Speak as this member."""

@@ -129,7 +129,7 @@ def forget(name: str) -> None:
     """Remove a module and what lies beside it, and its text when no other module is made of it."""
     sys.modules.pop(name, None)
     file = file_in_tracebacks(*_pages.pop(name))
-    if package := package_of(name):
+    if package := _packages.get(name):
         package.close()
     with _lock:
         _texts[file] -= 1
@@ -460,8 +460,3 @@ def close_all() -> None:
     """Remove the files of all packages: the process ends."""
     for package in list(_packages.values()):
         package.close()
-
-
-def package_of(name: str) -> Package | None:
-    """Return the package of a page's module, if it has files beside it."""
-    return _packages.get(name)

@@ -329,7 +329,7 @@ class Mesh:
     # -- what others can ask and see
 
     def serve(self, key: str, answer: TakeFrame, *, rank: int = 0) -> None:
-        """TakeFrame the requests to a key; `rank` as in `Transport.serve`.
+        """Take the requests to a key; `rank` as in `Transport.serve`.
 
         Raises:
             ValueError: this process serves it already.
@@ -345,7 +345,7 @@ class Mesh:
             self._announce_change(Topic.SERVES, key, there=True)
 
     def end_serving(self, key: str) -> None:
-        """TakeFrame no more requests to a key."""
+        """Take no more requests to a key."""
         with self._lock:
             if self._servers.pop(key, None) is not None:
                 self._ranks.pop(key, None)

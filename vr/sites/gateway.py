@@ -68,14 +68,12 @@ from robotree.vr.sites.frames import (
     leaving,
     sender_of,
 )
-from robotree.vr.sites.ground import Ground
 from robotree.vr.sites.handshake import Handshakes
 from robotree.vr.sites.keys import RealmKeys
-from robotree.vr.sites.pipe import GRANTED, Pipe, Topics
+from robotree.vr.sites.networks import GRANTED, Ground, Pipe, Topics
 from robotree.vr.sites.sealing import ID_SIZE, Lane, Verdict
-from robotree.vr.sites.showing import RememberedSite, Showing, seen
-from robotree.vr.sites.site import ARRIVAL, GONE, Site, SiteExchange
-from robotree.vr.sites.standing import Standing
+from robotree.vr.sites.showing import Showing, Standing
+from robotree.vr.sites.site import ARRIVAL, GONE, RememberedSite, Site, SiteExchange, seen
 from robotree.vr.sites.stopping import SiteStops, StopHere
 from robotree.vr.sites.stream import PIECE, Full, SiteStream
 from robotree.vr.sites.summary import Mirrors, Summaries, is_state

@@ -15,7 +15,7 @@ from robotree.vr.base.requests import Raised, decode_reply
 from robotree.vr.sites.certificates import Certificate
 from robotree.vr.sites.invitations import Invitation, request_to_join
 from robotree.vr.sites.keys import RealmKeys, expect_room, join
-from robotree.vr.sites.pipe import GRANTED, Pipe, Topics
+from robotree.vr.sites.networks import GRANTED, Pipe, Topics
 from robotree.vr.sites.zenoh_pipe import ZenohPipe
 
 WITHIN = 10.0

@@ -1,23 +1,16 @@
-"""What the people of another site may see of this machine, and the policy on its way between sites.
-
-Each robot refuses who may not ask it (`vr/exchange/authority.py`). What nobody asks for, names that are
-announced and states that are published, the gateway keeps back: a site gets what anybody there may see. Who
-asks a robot of another site is announced there, seen or not: a parent must be, for its lease.
-
-A line about a kind needs the kind of a robot, which its name does not tell: the gateway asks the robot, once.
-"""
+"""Who is present at the other side of a gateway: agents of other sites here, those of this machine there."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from typing import NamedTuple
+from collections.abc import Callable
 
 import msgspec
 
 from robotree.vr.base.address import Address
-from robotree.vr.base.errors import VrError
-from robotree.vr.base.places import CALLER
+from robotree.vr.base.errors import TooManyKeys, VrError
+from robotree.vr.base.places import CALLER, OWN, place_key, silent_key, site_key
 from robotree.vr.base.policy import BY_NAME, Policy, PolicyTarget
 from robotree.vr.base.requests import (
     ANSWER_WITHIN,
@@ -25,14 +18,14 @@ from robotree.vr.base.requests import (
     Described,
     Listed,
     OperatorHere,
-    SiteSeen,
     decode_event,
     encode,
 )
 from robotree.vr.base.transport import Transport
 from robotree.vr.exchange.asking import ask
-from robotree.vr.sites.certificates import MemberKind
+from robotree.vr.network.mesh import TakeFrame
 from robotree.vr.sites.frames import Announced, OneNews, SitePolicy
+from robotree.vr.sites.networks import Ground
 from robotree.vr.sites.sealing import Lane
 from robotree.vr.sites.site import Site, WaysToSites
 
@@ -40,7 +33,15 @@ _log = logging.getLogger(__name__)
 
 
 class Showing:
-    """See the module. On the event loop."""
+    """What the people of another site may see of this machine, and the policy on its way between sites.
+
+    Each robot refuses who may not ask it (`vr/exchange/authority.py`). What nobody asks for, names that are
+    announced and states that are published, the gateway keeps back: a site gets what anybody there may see.
+    Who asks a robot of another site is announced there, seen or not: a parent must be, for its lease.
+
+    A line about a kind needs the kind of a robot, which its name does not tell: the gateway asks the robot,
+    once. On the event loop.
+    """
 
     def __init__(self, gateway: WaysToSites, transport: Transport) -> None:
         """Take the ways to the sites and to the agents of this machine."""
@@ -171,56 +172,147 @@ class Showing:
                 self.tell(site, key, there=True)
 
 
-class RememberedSite(NamedTuple):
-    """What this machine remembers of a site."""
+class Standing:
+    """The keys of other sites' agents, under which the gateway is present for the processes of its machine.
 
-    name: str
-    kind: MemberKind = "site"
-    ends: float = 0.0
+    What a site says of itself is its *claim*. Two sites may claim one key for a while, when a robot has
+    moved: the news of its new site may come before the old one's. The highest rank counts, the number of its
+    moves, then the newest claim, and when it goes the other one does again. A key that a process of this
+    machine holds is not announced, unless a claim has a higher rank: the robot has left that process, which goes on
+    as long as somebody may ask it, so nobody sees it absent.
 
-
-def seen(known: RememberedSite, site: Site | None, now: float, trouble: tuple[str, str]) -> SiteSeen:
-    """Return how a site is.
-
-    Args:
-        known: what is remembered of it.
-        site: what is seen of it since this gateway began; None: nothing.
-        now: [s]
-        trouble: why no site can be reached, as a clause, and the remedy; empty: the hub answers.
+    Where each agent is, and which site is not heard, is announced beside it (`vr/base/places.py`). On the
+    event loop.
     """
-    stream = None if site is None else site.stream
-    if site is None or stream is None:
-        reason, remedy = trouble
-        if site is not None and site.refused and not reason:
-            reason, remedy = site.refused, f"what it says helps, at site {known.name} or here"
-        return SiteSeen(
-            name=known.name,
-            kind=known.kind,
-            ends=known.ends,
-            heard=-1.0 if site is None or not site.was_heard else now - site.was_heard,
-            reason=reason or "the hub is reached, and nothing comes from there",
-            remedy=remedy
-            or f"see that `robotree gateway` runs at site {known.name} and reaches the same hub",
-        )
-    linked = site.linked(now)
-    reason, remedy = ("", "") if linked else trouble
-    if not linked and not reason:
-        reason = "its gateway, or its line to the hub, has fallen silent"
-        remedy = f"wait: it is dialed for ever; or look at the gateway of site {known.name}"
-    hung = ((address, where, cure) for key, where, cure in site.hung if (address := Address.parse(key)))
-    return SiteSeen(
-        name=known.name,
-        kind=known.kind,
-        state="linked" if linked else "silent",
-        heard=stream.silence(now),
-        way=stream.way,
-        round_trip=stream.round_trip,
-        rate=stream.rate,
-        agents=sum(Address.parse(key) is not None for key in site.keys),
-        reason=reason,
-        remedy=remedy,
-        version=site.version,
-        clock=site.clock,
-        ends=known.ends if site.member is None else site.member.ends,
-        hung=tuple((address.name, where, cure) for address, where, cure in hung),
-    )
+
+    def __init__(self, ground: Ground, take: Callable[[str], TakeFrame]) -> None:
+        """Begin with nothing.
+
+        Args:
+            ground: the network of this machine.
+            take: returns what takes the requests to a key.
+        """
+        self._ground, self._take = ground, take
+        self.local = set[str]()
+        """Keys that processes of this machine hold."""
+        self.where: dict[str, Site] = {}
+        """The site of each key that is announced here."""
+        self._claims: dict[str, dict[Site, int]] = {}
+        """The sites that claim a key and the rank that each says, the newest last."""
+        self._ranks: dict[str, int] = {}
+        """By which keys are served here in the name of a site, unless it is 0."""
+        self._said = set[str]()
+        """Keys about sites that are announced."""
+
+    def claim(self, site: Site, key: str, rank: int = 0) -> bool:
+        """A site says that it has an agent, moved so often; returns whether that can be."""
+        if key.startswith(OWN):
+            return False
+        site.keys.add(key)
+        claims = self._claims.setdefault(key, {})
+        claims.pop(site, None)
+        claims[site] = rank
+        self._settle(key)
+        return True
+
+    def drop(self, site: Site, key: str) -> None:
+        """A site says that it has it no longer."""
+        if key not in site.keys:
+            return
+        site.keys.discard(key)
+        claims = self._claims[key]
+        del claims[site]
+        if not claims:
+            del self._claims[key]
+        self._settle(key)
+
+    def look(self, key: str) -> bool | None:
+        """Look whether a process of this machine holds a key; returns whether it does, None: as before."""
+        there = bool(self._ground.held_elsewhere((key,)))
+        if there == (key in self.local):
+            return None
+        (self.local.add if there else self.local.discard)(key)
+        self._settle(key)
+        return there
+
+    def come_here(self) -> list[str]:
+        """Return the keys of other sites that a process of this machine holds since the last look."""
+        held = self._ground.held_elsewhere(self.where.keys())
+        return [key for key in sorted(held - self.local) if self.look(key)]
+
+    def tell_of(self, site: str, *, silent: bool) -> None:
+        """Let the machine know that a site belongs to the realm, and whether it is heard."""
+        self._say(site_key(site), there=True)
+        self._say(silent_key(site), there=silent)
+
+    def forget(self, site: str) -> None:
+        """A site belongs to the realm no longer."""
+        self._say(site_key(site), there=False)
+        self._say(silent_key(site), there=False)
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    def _say(self, key: str, *, there: bool) -> None:
+        if there == (key in self._said):
+            return
+        (self._said.add if there else self._said.discard)(key)
+        (self._ground.announce if there else self._ground.withdraw)(key)
+
+    def _counts(self, key: str) -> Site | None:
+        """Return the site whose claim to a key counts; None: none does."""
+        claims = self._claims.get(key)
+        if claims is None:
+            return None
+        highest = max(claims.values())
+        if key in self.local and self._ground.rank_elsewhere(key) >= highest:
+            return None
+        return [site for site, rank in claims.items() if rank == highest][-1]
+
+    def _settle(self, key: str) -> None:
+        """Announce a key for the site whose claim counts, or no more."""
+        site, before = self._counts(key), self.where.get(key)
+        if before is None:
+            if site is not None:
+                self._begin(site, key)
+        elif site is None:
+            del self.where[key]
+            self._ground.withdraw(key)
+            self._end_serving(key)
+            self._place(before, key, there=False)
+        elif site is not before or self._rank(site, key) != self._ranks.get(key, 0):
+            self.where[key] = site
+            if self._rank(site, key) != self._ranks.get(key, 0):
+                self._end_serving(key)
+                self._serve(site, key)
+            if site is not before:
+                self._place(site, key, there=True)
+                self._place(before, key, there=False)
+
+    def _rank(self, site: Site, key: str) -> int:
+        return self._claims.get(key, {}).get(site, 0)
+
+    def _serve(self, site: Site, key: str) -> None:
+        rank = self._rank(site, key)
+        self._ground.serve(key, self._take(key), rank=rank)
+        if rank:
+            self._ranks[key] = rank
+
+    def _end_serving(self, key: str) -> None:
+        self._ground.end_serving(key)
+        self._ranks.pop(key, None)
+
+    def _place(self, site: Site, key: str, *, there: bool) -> None:
+        if Address.parse(key) is not None or key.startswith(CALLER):
+            self._say(place_key(site.name, key), there=there)
+
+    def _begin(self, site: Site, key: str) -> None:
+        self.where[key] = site
+        try:
+            self._serve(site, key)
+            self._place(site, key, there=True)  # before its agent, which nobody takes for a local one then
+            self._ground.announce(key)
+        except (TooManyKeys, ValueError) as error:
+            del self.where[key]
+            self._place(site, key, there=False)
+            self._end_serving(key)
+            _log.warning("%s", error)

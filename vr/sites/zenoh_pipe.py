@@ -28,7 +28,7 @@ import zenoh
 
 from robotree.vr.sites.hub import LEASE, HubAddress, address_of, configured, fingerprint_of
 from robotree.vr.sites.invitations import Hub
-from robotree.vr.sites.pipe import LinkState, OnArrival
+from robotree.vr.sites.networks import LinkState, OnArrival
 
 DIAL_WITHIN = 2.0
 """[s] for one try."""

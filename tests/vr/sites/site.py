@@ -32,7 +32,7 @@ from robotree.vr.sites.handshake import Handshakes, Own
 from robotree.vr.sites.invitations import read_token, request_to_join, token_of
 from robotree.vr.sites.keys import RealmKeys, create
 from robotree.vr.sites.keys import join as join_realm_keys
-from robotree.vr.sites.pipe import LinkState, OnArrival
+from robotree.vr.sites.networks import LinkState, OnArrival
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.virtual_loop import VirtualLoop
 from tests.waiting import until
