@@ -126,11 +126,7 @@ def a_key_is_unique(timed: TimedStore) -> None:
 
 
 def _key_is_taken(timed: TimedStore, key: str, within: str = "") -> bool:
-    try:
-        write(timed, job(0), key=key, within=within)
-    except KeyTaken:
-        return True
-    return False
+    return refused(KeyTaken, timed, timed.store.write, job(0), FOR_EVER, key, within)
 
 
 def what_was_given_back_is_first_again(timed: TimedStore) -> None:

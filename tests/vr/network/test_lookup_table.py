@@ -60,13 +60,6 @@ def test_a_listing_lasts_as_long_as_its_lease(table: LookupTable) -> None:
     assert table.expire(now=5.0) == [Unlisted(address=ARM, revision=LOST)]
 
 
-def test_a_renewal_prolongs_it_and_is_no_news(table: LookupTable) -> None:
-    register(table, listing(), now=0.0)
-    assert register(table, listing(), now=4.0) == ((), [])
-    assert table.expire(now=8.9) == []
-    assert names(table, 8.9) == ["arm"]
-
-
 def test_a_larger_revision_replaces_a_smaller_one_and_never_the_other_way(table: LookupTable) -> None:
     register(table, listing(2, doc="new"), now=0.0)
     assert register(table, listing(1, doc="late"), now=0.1) == (("arm",), [])
@@ -74,15 +67,6 @@ def test_a_larger_revision_replaces_a_smaller_one_and_never_the_other_way(table:
     assert table.find(Template(), now=0.1)[0][0].doc == "new"
     changed = listing(3, doc="newer")
     assert register(table, changed, now=0.2) == ((), [Listed(listing=changed)])
-
-
-def test_a_late_renewal_does_not_bring_back_what_was_withdrawn(table: LookupTable) -> None:
-    register(table, listing(1), now=0.0)
-    assert table.withdraw(ARM, 2, now=1.0) == [Unlisted(address=ARM, revision=2)]
-    assert register(table, listing(1), now=1.1) == (("arm",), [])
-    assert table.fill(listing(1), 5.0, now=1.1) == []
-    assert names(table, 1.1) == []
-    assert register(table, listing(3), now=1.2)[0] == (), "its agent can return"
 
 
 def test_withdrawals_are_remembered_in_a_bounded_number_the_latest_ones(table: LookupTable) -> None:
@@ -112,21 +96,6 @@ def test_a_withdrawal_of_the_unknown_is_remembered_and_told(table: LookupTable) 
 ROVER = Address("robot", "rover", "1")
 
 
-def test_all_listings_of_a_process_depend_on_one_lease(table: LookupTable) -> None:
-    register(table, listing(), listing(address=ROVER), now=0.0)
-    assert renew(table, now=4.0) == 2
-    assert table.expire(now=8.9) == []
-    assert names(table, 8.9) == ["arm", "rover"]
-    assert table.expire(now=9.0) == [Unlisted(address=one, revision=LOST) for one in (ARM, ROVER)]
-
-
-def test_a_renewal_holds_only_what_its_own_process_has_listed(table: LookupTable) -> None:
-    register(table, listing(), now=0.0)
-    register(table, listing(address=ROVER), now=0.0, holder="process-2")
-    assert renew(table, now=4.0) == 1
-    assert names(table, 6.0) == ["arm"]
-
-
 def test_the_answer_to_a_late_renewal_shows_that_the_lease_was_lost(table: LookupTable) -> None:
     register(table, listing(), now=0.0)
     assert renew(table, now=5.0) == 0
@@ -139,13 +108,6 @@ def test_a_listing_that_moves_to_another_lease_is_no_news(table: LookupTable) ->
     register(table, listing(), listing(address=ROVER), now=0.0)
     assert register(table, listing(), now=1.0, holder="anew") == ((), [])
     assert (renew(table, 4.0, "anew"), names(table, 6.0)) == (1, ["arm"]), "the other one ran out"
-
-
-def test_a_withdrawal_leaves_the_lease_of_the_others(table: LookupTable) -> None:
-    register(table, listing(), listing(address=ROVER), now=0.0)
-    answer, news = table.register(Register(holder="process-1", term=5.0, withdrawn=((ARM, 2),)), 1.0)
-    assert (answer.count, news) == (1, [Unlisted(address=ARM, revision=2)])
-    assert names(table, 5.9) == ["rover"]
 
 
 def test_a_table_filled_from_another_has_what_remained_of_the_lease(table: LookupTable) -> None:
