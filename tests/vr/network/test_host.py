@@ -370,7 +370,7 @@ async def test_bonds_settings_and_state_stay(stage: Stage) -> None:
 
 
 async def test_a_running_command_ends_as_it_began_and_the_next_one_is_the_new_page_s(stage: Stage) -> None:
-    first = asyncio.ensure_future(stage.team.call("wait", {"seconds": 0.2}))
+    first = asyncio.ensure_future(stage.team.call("wait", {"seconds": 1.0}))
     await stage.until(running=1)
     waiting = asyncio.ensure_future(stage.team.call("pick", {}))
     await stage.until(running=1, waiting=1)
@@ -444,7 +444,7 @@ async def test_what_has_disappeared_or_changed_its_type_is_told(stage: Stage) ->
 
 
 async def test_what_waits_and_fits_the_new_page_no_more_is_refused(stage: Stage) -> None:
-    first = asyncio.ensure_future(stage.team.call("wait", {"seconds": 0.2}))
+    first = asyncio.ensure_future(stage.team.call("wait", {"seconds": 1.0}))
     await stage.until(running=1)
     gone = asyncio.ensure_future(stage.team.call("pick", {}))
     await stage.until(running=1, waiting=1)

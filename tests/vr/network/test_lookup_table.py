@@ -96,6 +96,13 @@ def test_a_withdrawal_of_the_unknown_is_remembered_and_told(table: LookupTable) 
 ROVER = Address("robot", "rover", "1")
 
 
+def test_a_renewal_holds_only_what_its_own_process_has_listed(table: LookupTable) -> None:
+    register(table, listing(), now=0.0)
+    register(table, listing(address=ROVER), now=0.0, holder="process-2")
+    assert renew(table, now=4.0) == 1
+    assert names(table, 6.0) == ["arm"]
+
+
 def test_the_answer_to_a_late_renewal_shows_that_the_lease_was_lost(table: LookupTable) -> None:
     register(table, listing(), now=0.0)
     assert renew(table, now=5.0) == 0
