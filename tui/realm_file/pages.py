@@ -11,8 +11,9 @@ from robotree.tui.realm_file.plan import Page
 from robotree.vr.base.errors import BrokenScript, BundleError
 from robotree.vr.base.written import suggestion
 from robotree.vr.bundle import Bundle
-from robotree.vr.bundle.reading import ROOT, last, parse
+from robotree.vr.bundle.reading import ROOT, last
 from robotree.vr.bundle.reading import pages_of as declared
+from robotree.vr.bundle.syntax import parse
 
 DIGITS = 12
 """Of a hash that an error shows."""

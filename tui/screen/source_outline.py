@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Union
 from robotree.vr.author.signature import field_with_default
 from robotree.vr.base.description import FieldSpec
 from robotree.vr.base.units import Range, Unit
-from robotree.vr.bundle.reading import parse, parse_expression
+from robotree.vr.bundle.syntax import parse, parse_expression
 
 ROOT = "VirtualRobot"
 

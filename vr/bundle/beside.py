@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from robotree.files import read
 from robotree.vr.base.errors import BrokenSource
 from robotree.vr.bundle.manifest import PANEL, PROGRAM
-from robotree.vr.bundle.reading import parse
+from robotree.vr.bundle.syntax import parse
 
 LARGEST = 4_000_000
 """[bytes] of all files beside a page."""

@@ -46,7 +46,7 @@ from robotree.vr.bundle.loader import (
     within,
 )
 from robotree.vr.bundle.manifest import PANEL
-from robotree.vr.bundle.reading import parse
+from robotree.vr.bundle.syntax import parse
 
 if TYPE_CHECKING:
     from robotree.vr.bundle.file import BundleFile

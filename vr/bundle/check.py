@@ -19,18 +19,9 @@ from robotree.vr.author.virtual_robot import RESERVED
 from robotree.vr.base.errors import RequirementUnreadable
 from robotree.vr.base.units import Unit
 from robotree.vr.bundle.child_calls import Kinds, of_children
-from robotree.vr.bundle.reading import (
-    Finding,
-    Function,
-    Page,
-    dotted,
-    last,
-    mark,
-    pages_of,
-    parse,
-    used_names,
-)
+from robotree.vr.bundle.reading import Finding, Function, Page, dotted, last, mark, pages_of, used_names
 from robotree.vr.bundle.refused import mistakes
+from robotree.vr.bundle.syntax import parse
 from robotree.vr.scripts.requirement import requirement
 
 _WAIT = ("holds the robot up", "write self.sleep(seconds): a cancel and a stop end it at once")

@@ -26,7 +26,8 @@ from robotree.vr.base.description import CommandSpec, offered
 from robotree.vr.base.errors import BadArgument
 from robotree.vr.base.permissions import ALL, ANY, EVERYTHING, Permissions
 from robotree.vr.base.units import Unit, convert
-from robotree.vr.bundle.reading import ROOT, Finding, Function, Page, dotted, last, pages_of, parse
+from robotree.vr.bundle.reading import ROOT, Finding, Function, Page, dotted, last, pages_of
+from robotree.vr.bundle.syntax import parse
 
 Kinds = Mapping[str, Mapping[str, CommandSpec | None]]
 """The commands of kinds of robots, by name of the kind."""

@@ -53,8 +53,8 @@ from robotree.vr.base.errors import (
     words_of,
 )
 from robotree.vr.base.extras import lack_of
-from robotree.vr.bundle.reading import TOO_DEEP, line_of, slots_at
 from robotree.vr.bundle.refused import mistakes
+from robotree.vr.bundle.syntax import TOO_DEEP, line_of, slots_at
 from robotree.vr.running.page_trace import authors_file, file_in_tracebacks
 from robotree.vr.running.runner import Interrupted, InterruptibleThread
 

@@ -8,7 +8,8 @@ from difflib import get_close_matches
 
 from robotree.vr.author.robot import HOOKS, call_of
 from robotree.vr.author.virtual_robot import RESERVED
-from robotree.vr.bundle.reading import Finding, Function, Page, dotted, mark, pages_of, parse, used_names
+from robotree.vr.bundle.reading import Finding, Function, Page, dotted, mark, pages_of, used_names
+from robotree.vr.bundle.syntax import parse
 
 _NEAR = 0.75
 """Likeness of two names, 0 to 1, from which on one is taken for a misspelling of the other."""

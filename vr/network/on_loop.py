@@ -19,15 +19,7 @@ from typing import Generic, Self, TypeVar
 
 from robotree.vr.base.errors import NoAnswer, TransportClosed, Unreachable, VrError
 from robotree.vr.base.principal import Credentials
-from robotree.vr.base.transport import (
-    ELSEWHERE,
-    End,
-    Incoming,
-    OnReply,
-    RequestHandler,
-    Respond,
-    TakeRequest,
-)
+from robotree.vr.base.transport import ELSEWHERE, End, Incoming, OnReply, RequestHandler, Respond, TakeRequest
 
 SHARE = 32
 """Things that are not urgent done in one go; then the loop's own tasks have a turn."""

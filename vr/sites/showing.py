@@ -178,8 +178,8 @@ class Standing:
     What a site says of itself is its *claim*. Two sites may claim one key for a while, when a robot has
     moved: the news of its new site may come before the old one's. The highest rank counts, the number of its
     moves, then the newest claim, and when it goes the other one does again. A key that a process of this
-    machine holds is not announced, unless a claim has a higher rank: the robot has left that process, which goes on
-    as long as somebody may ask it, so nobody sees it absent.
+    machine holds is not announced, unless a claim has a higher rank: the robot has left that process, which
+    goes on as long as somebody may ask it, so nobody sees it absent.
 
     Where each agent is, and which site is not heard, is announced beside it (`vr/base/places.py`). On the
     event loop.

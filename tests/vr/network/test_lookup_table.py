@@ -11,14 +11,7 @@ from hypothesis import strategies as st
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import Listing, Template
 from robotree.vr.base.requests import Listed, Register, Unlisted
-from robotree.vr.lookup.table import (
-    LONGEST_TERM,
-    LOST,
-    MOST_REMEMBERED,
-    SHORTEST_TERM,
-    LookupTable,
-    Update,
-)
+from robotree.vr.lookup.table import LONGEST_TERM, LOST, MOST_REMEMBERED, SHORTEST_TERM, LookupTable, Update
 from robotree.vr.lookup.union import MOST_ABSENT, Change, Union
 
 ARM = Address("robot", "arm", "1")

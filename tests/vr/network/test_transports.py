@@ -22,12 +22,7 @@ from robotree.vr.network.link import PIECE, AskFrame, PeerLink, Sample, Unpacker
 from robotree.vr.network.on_loop import SHARE, LoopTurns, Replies, SampleInbox, answered
 from robotree.vr.world.network import MemoryNetwork, MemoryTransport
 from robotree.vr.world.promises import replies_of
-from robotree.vr.world.testing import (
-    TRANSPORT_CHECKS,
-    Join,
-    check_transport,
-    in_virtual_time,
-)
+from robotree.vr.world.testing import TRANSPORT_CHECKS, Join, check_transport, in_virtual_time
 
 Check = Callable[[Join], Awaitable[None]]
 

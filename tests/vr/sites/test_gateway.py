@@ -14,15 +14,7 @@ from robotree.vr.agents.agent import RobotAgent
 from robotree.vr.base.envelope import seal, sitting_at
 from robotree.vr.base.errors import NoAnswer, NotInControl, SiteSilent, StaleEpoch
 from robotree.vr.base.places import Places, site_key
-from robotree.vr.base.requests import (
-    Call,
-    DescribeGateway,
-    Done,
-    GatewayDescribed,
-    SafeStop,
-    State,
-    encode,
-)
+from robotree.vr.base.requests import Call, DescribeGateway, Done, GatewayDescribed, SafeStop, State, encode
 from robotree.vr.exchange.client import RobotClient
 from robotree.vr.exchange.dispatcher import Dispatcher
 from robotree.vr.sites.certificates import MemberKind
