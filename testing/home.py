@@ -20,8 +20,8 @@ from robotree.vr.journal.journal import HostJournal
 from robotree.vr.journal.records import KeptPage
 from robotree.vr.journal.recovery import rebase
 from robotree.vr.running.process import Process
-from robotree.vr.space.memory import MemoryStore
 from robotree.vr.space.service import SpaceService
+from robotree.vr.space.store import MemoryStore
 from robotree.vr.world.disk import LogClocks, Medium, MemoryDisk
 from robotree.vr.world.world import SimulatedProcess
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotree.protocol.links import keyfile
+from robotree.protocol.links import keyring
 from robotree.vr.base.errors import BadName, InvitationRefused, NotAMember
 from robotree.vr.sites import keys
 from robotree.vr.sites.certificates import DAY, SKEW, PublicKey, Revocations, Signed, Trust
@@ -236,7 +236,7 @@ def test_a_key_file_is_synced_before_its_name_and_then_its_folder(
     if how == "site":
         keys.write(path, b"0" * 32)
     else:
-        keyfile.replace(path, "0" * 64)
+        keyring.replace(path, "0" * 64)
     assert [each.parent if each.is_file() or not each.exists() else each for each in synced] == [tmp_path] * 2
     assert synced[-1] == tmp_path, "the folder last"
     assert "own.key" not in names[0], "its content is on the disk before it has its name"
