@@ -26,9 +26,10 @@ LONGEST_END = 60.0
 MEASUREMENTS, CALM = 4, 5.0
 """How often a test with a budget of time is measured at most; [s] in between, in which others may end."""
 LONG = {
-    "test_conform", "test_sites", "test_trials", "test_thesis_figures", "test_held_interpreter", "test_wheel",
-    "test_laboratory", "test_web_page", "test_a_screen_to_trust", "test_handing_over", "test_things",
-    "test_safeguards", "test_families", "test_service", "test_between_sites", "test_moves",
+    "test_conform", "test_sites", "test_trials", "test_thesis_figures", "test_processes_that_end",
+    "test_wheel", "test_laboratory", "test_web_page", "test_a_screen_to_trust", "test_handing_over",
+    "test_things", "test_safeguards", "test_families", "test_service", "test_between_sites", "test_moves",
+    "test_demos",
 }  # fmt: skip
 """Files that take a quarter of a minute or more begin first. Any other order is right, too, and slower."""
 _again = pytest.StashKey[list[str]]()

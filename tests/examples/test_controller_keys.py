@@ -28,7 +28,7 @@ from robotree.protocol.testing import RecordingHandler
 from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE
 from tests.examples.controllers import COMPILER, Running, started
-from tests.scenarios.test_replay_after_a_kill import Operator
+from tests.scenarios.test_keys import Operator
 from tests.sim.test_server_keys import Punctual
 from tests.station import Station
 

@@ -1,10 +1,13 @@
-"""The stage on which the thesis' scenario is played: the demo's real processes and the real full screen."""
+"""The stage on which the thesis' scenario is played: real processes and the real full screen."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import contextvars
-from collections.abc import AsyncIterator, Callable, Coroutine
+import os
+import signal
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,6 @@ from textual.pilot import Pilot
 from textual.widgets import Button, DirectoryTree, Input
 
 from robotree.client.joining import joined
-from robotree.tui.demo import cast
 from robotree.tui.processes.crew import Crew
 from robotree.tui.screen.app import Supervisor
 from robotree.tui.screen.pages.main import MainPage
@@ -23,6 +25,39 @@ from robotree.tui.screen.pages.teleop import TeleopPage
 from robotree.tui.screen.widgets.robot_table import RobotTable
 from robotree.vr.supervision.realm_client import RealmClient
 from tests.screen import press, shows, text_of
+from tests.terminal import Terminal
+
+SWITCHED_OFF = "tcp:127.0.0.1:9"
+"""Where no controller listens: a rover that nobody moves needs no simulated floor."""
+
+
+async def arm_cell(crew: Crew, speedup: str) -> None:
+    """Start the processes of the demo's cell; its rover is switched off."""
+    table = await crew.start(
+        "sim", "arm", "--listen", "tcp:127.0.0.1:0", "--state", "none", "--speedup", speedup
+    )
+    await crew.start_all(
+        ("lookup", "lookup-1"),
+        ("directory", "directory-1"),
+        ("host", "host-1"),
+        ("view", "cell", "--connect", table.address),
+        ("proxy", "arm", "arm-1", "--connect", table.address),
+        ("proxy", "rover", "rover-1", "--connect", SWITCHED_OFF),
+    )
+
+
+@pytest.fixture
+def terminals() -> Iterator[list[Terminal]]:
+    """Takes terminals that end with the test, and with them all that was started there."""
+    found: list[Terminal] = []
+    yield found
+    for each in found:
+        family = each.family()
+        each.close()
+        for pid in family:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        each.wait()
 
 
 class Stage:
@@ -162,7 +197,7 @@ class Stage:
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def stage(shared_place: Path) -> AsyncIterator[Stage]:
     async with Crew("thesis", shared_place) as crew:
-        await cast(crew, speedup="4")
+        await arm_cell(crew, "4")
         async with (
             joined("thesis") as realm_client,
             Supervisor(realm_client, realm="thesis").run_test(size=(140, 44)) as pilot,

@@ -41,14 +41,14 @@ class Cell:
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def cell(shared_place: Path) -> AsyncIterator[Cell]:
     async with Crew(REALM, shared_place) as crew:
-        arm = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--open")
+        rover = await crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0", "--open")
         *_, proxy = await crew.start_all(
             ("lookup", "lookup-1"),
             ("host", "host-1"),
-            ("proxy", "arm", "arm-1", "--connect", arm.address, "--open"),
+            ("proxy", "rover", "rover-1", "--connect", rover.address, "--open"),
         )
         async with joined(REALM) as realm_client:
-            await until(lambda: len(realm_client.robots()) == 1, "the arm is listed")
+            await until(lambda: len(realm_client.robots()) == 1, "the rover is listed")
             yield Cell(crew, realm_client, proxy.pid)
 
 
@@ -57,7 +57,7 @@ def screen(cell: Cell) -> Iterator[Person]:
     del cell  # it is there
     found = Person(REALM)
     try:
-        found.shows(b"pose")  # in the details of the arm, which is selected
+        found.shows(b"place")  # in the details of the rover, which is selected
         yield found
     finally:
         found.leave()
@@ -67,7 +67,7 @@ def screen(cell: Cell) -> Iterator[Person]:
 async def test_a_robot_that_hangs_is_seen_within_a_second_in_the_list_and_in_an_open_panel(
     cell: Cell, screen: Person
 ) -> None:
-    screen.types(ENTER, sees="peak")  # its panel
+    screen.types(ENTER, sees="readings")  # its panel
     os.kill(cell.proxy, signal.SIGSTOP)
     began = time.monotonic()
     try:
@@ -85,31 +85,31 @@ async def test_a_robot_that_hangs_is_seen_within_a_second_in_the_list_and_in_an_
 async def test_a_parent_says_that_its_child_hangs_and_not_that_it_needs_one(
     cell: Cell, screen: Person
 ) -> None:
-    screen.types(":create examples/move_to.py as mover\r", sees="needs arm")
-    screen.types(":enslave mover.arm arm-1\r", sees="under mover")
+    screen.types(":create examples/move_square.py as square\r", sees="needs rover")
+    screen.types(":enslave square.rover rover-1\r", sees="under square")
     os.kill(cell.proxy, signal.SIGSTOP)
     try:
         screen.shown = b""
-        screen.shows(b"arm: arm-1 hangs")
+        screen.shows(b"rover: rover-1 hangs")
         _, listed, _ = await RUN("ls")
-        assert re.search(r"mover .*arm: arm-1 hangs", listed), listed
+        assert re.search(r"square .*rover: rover-1 hangs", listed), listed
     finally:
         os.kill(cell.proxy, signal.SIGCONT)
     screen.shows(b"answers again")
-    await cell.realm_client.delete("mover")
-    await until(lambda: len(cell.realm_client.robots()) == 1, "the arm is free")
+    await cell.realm_client.delete("square")
+    await until(lambda: len(cell.realm_client.robots()) == 1, "the rover is free")
 
 
 async def test_two_people_who_command_one_robot_have_two_entries_with_their_names(
     cell: Cell, screen: Person
 ) -> None:
-    assert not (await cell.realm_client.describe("arm-1")).busy
-    way = ("call", "arm-1.go_to", "y=0", "z=0.3", "twist=0")
-    anna = Person(REALM, *way, "x=0.5", "speed=0.03")
+    assert not (await cell.realm_client.describe("rover-1")).busy
+    way = ("call", "rover-1.go_to", "y=0")
+    anna = Person(REALM, *way, "x=0.12", "speed=0.03")
     people = [anna]
     try:
         screen.shows(f"by {os_user()}@{anna.terminal} begins".encode())
-        people.append(bob := Person(REALM, *way, "x=0.4", "speed=0.2"))
+        people.append(bob := Person(REALM, *way, "x=0", "speed=0.2"))
         screen.shows(f"by {os_user()}@{bob.terminal} waits".encode())
         bob.shows(f"waits: {os_user()}@{anna.terminal}'s go_to first, 2 s".encode())
         bob.shows(b"has waited")
@@ -120,7 +120,7 @@ async def test_two_people_who_command_one_robot_have_two_entries_with_their_name
     last: dict[str, Any] = {}
 
     async def logged() -> bool:
-        _, out, _ = await RUN("log", "arm-1", "--json")
+        _, out, _ = await RUN("log", "rover-1", "--json")
         ended = [one for one in json.loads(out) if one["level"] == "done" and one["command"] == "go_to"]
         last.clear()
         last.update({one["caller"]: one for one in ended[-2:]})
@@ -131,7 +131,8 @@ async def test_two_people_who_command_one_robot_have_two_entries_with_their_name
     assert first["waited"] < 0.1 < second["waited"], "the time in the queue is told apart"
     assert "y=0" in first["arguments"]
     _, text, _ = await RUN("log")
-    assert re.search(rf"\d{{4}}-\d\d-\d\d .* arm-1: go_to by {os_user()}@pts/\d+ is done: waited", text), text
+    done = rf"\d{{4}}-\d\d-\d\d .* rover-1: go_to by {os_user()}@pts/\d+ is done: waited"
+    assert re.search(done, text), text
 
 
 async def test_the_deaths_of_a_host_and_a_lookup_service_are_in_both_logs_with_their_processes(
@@ -158,7 +159,7 @@ async def test_states_are_counted_coloured_and_searched_on_a_terminal_of_16_colo
     screen.shows(b"1 free")
     assert re.search(rb"\x1b\[[0-9;]*92[0-9;]*m\xe2\x97\x8f", screen.shown), "free is bright green"
     screen.types("/zzz", sees="zzz")
-    screen.types(ESCAPE, sees="arm-1")
+    screen.types(ESCAPE, sees="rover-1")
     os.kill(cell.proxy, signal.SIGSTOP)
     try:
         screen.shown = b""

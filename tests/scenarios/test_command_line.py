@@ -32,7 +32,7 @@ from robotree.tui.processes.crew import Crew
 
 async def be() -> None:
     async with Crew("default", Path(sys.argv[1])) as crew:
-        await cast(crew, speedup="4")
+        await cast(crew)
         print("ready", flush=True)
         await asyncio.to_thread(sys.stdin.read)
 

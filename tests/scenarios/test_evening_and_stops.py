@@ -24,11 +24,8 @@ LONGEST = 240.0
 
 
 @pytest.fixture
-async def realm_client(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[RealmClient]:
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    async with AsyncExitStack() as ties, Crew("evening", tmp_path) as crew:
+async def realm_client(place: Path) -> AsyncIterator[RealmClient]:
+    async with AsyncExitStack() as ties, Crew("evening", place) as crew:
         await cast(crew, speedup="3", file=STORY.file)
         realm_client = await ties.enter_async_context(joined("evening"))
         await realm_client.call(ROBOT, "go_to", {"place": "door"}, deadline=60.0)

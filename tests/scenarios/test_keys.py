@@ -1,11 +1,13 @@
-"""A client with the key commands the arm; one without it gets an error; the key is never shown."""
+"""A client with the key commands the arm; one without it gets an error; it is never shown."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 import secrets
+import signal
 import subprocess
 import time
 from collections.abc import AsyncIterator
@@ -16,11 +18,22 @@ import pytest_asyncio
 
 from robotree.client.joining import joined
 from robotree.protocol import Endpoint
-from robotree.protocol.links.keyring import Keyring
+from robotree.protocol.frame import Signer as FrameSigner
+from robotree.protocol.links.keyring import Keyring, create
 from robotree.protocol.links.link import Link
 from robotree.protocol.links.security import Security
 from robotree.protocol.links.url import connect
-from robotree.protocol.messages import SetupSigning
+from robotree.protocol.messages import (
+    AnyMessage,
+    CommandAck,
+    CommandLong,
+    MavCmd,
+    Mode,
+    ModeKind,
+    Ping,
+    SetupSigning,
+)
+from robotree.protocol.testing import RecordingHandler
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
 from robotree.vr.base.errors import VrError
@@ -29,6 +42,7 @@ from robotree.vr.world.testing import until
 from tests.command_line import ROBOTREE, robotree
 
 pytestmark = pytest.mark.e2e
+
 on_the_cells_loop = pytest.mark.asyncio(loop_scope="module")
 REALM = "keys"
 
@@ -217,3 +231,86 @@ def test_a_passphrase_is_read_from_standard_input_and_never_overwrites(cell: Gua
     assert "a key is never overwritten" in again.stderr
     empty = subprocess.run(words, input="\n", capture_output=True, text=True, check=False)
     assert empty.returncode == exit_codes.USAGE
+
+
+# -- a recording of a signed link moves nothing when the controller was killed and is back --------
+
+
+class Operator:
+    """Has the key, and keeps all bytes that it sends, as any program on the way can."""
+
+    def __init__(self, key: Path, first_link: int) -> None:
+        self._security = Security(Keyring(key), time.time, first_link=first_link)
+        self.heard: list[AnyMessage] = []
+        self.said: list[bytes] = []
+
+    async def dial(self, address: str) -> Operator:
+        self._link = await connect(address, self._accept)
+        return self
+
+    def say(self, message: AnyMessage) -> None:
+        self._endpoint.send(message)
+
+    def arm(self, on: float) -> None:
+        self.say(CommandLong(1, 1, MavCmd.COMPONENT_ARM_DISARM, 0, on, *(0.0,) * 6))
+
+    def latest(self) -> ModeKind | None:
+        modes = [each.mode for each in self.heard if isinstance(each, Mode)]
+        return ModeKind(modes[-1]) if modes else None
+
+    def answers(self) -> int:
+        return sum(isinstance(each, CommandAck) for each in self.heard)
+
+    def _accept(self, link: Link) -> Endpoint:
+        signer_pair = self._security.signer_pair(link.controller)
+        inner = signer_pair["signer"]
+        assert inner is not None
+        said = self.said
+
+        class Tapped(FrameSigner):
+            def sign(self, frame: bytes) -> bytes:
+                said.append(inner.sign(frame))
+                return said[-1]
+
+        self._endpoint = Endpoint(
+            link,
+            system=255,
+            component=190,
+            on_frame=lambda frame: self.heard.append(frame.message),
+            signer=Tapped(),
+            verifier=signer_pair["verifier"],
+        )
+        return self._endpoint
+
+
+async def test_disarm_and_arm_of_the_last_seconds_are_not_obeyed_again(place: Path) -> None:
+    key = place / "cell.key"
+    create(key)
+    words = ("sim", "arm", "--key", str(key), "--listen")
+    async with Crew("replay", place) as crew:
+        first = await crew.start(*words, "tcp:127.0.0.1:0")
+        operator = await Operator(key, 1).dial(first.address)
+        operator.arm(0.0)
+        await until(lambda: operator.latest() == ModeKind.SAFE_STOP, "it is disarmed")
+        operator.arm(1.0)
+        await until(lambda: operator.latest() == ModeKind.READY, "and armed")
+        os.kill(first.pid, signal.SIGKILL)
+        await first.process.wait()
+
+        again = await crew.start(*words, first.address)
+        witness = await Operator(key, 100).dial(again.address)
+        await until(lambda: witness.latest() == ModeKind.READY, "it is back")
+        attacker = await connect(again.address, RecordingHandler)
+        for frame in operator.said:
+            attacker.send(frame)
+        told = asyncio.get_running_loop().time()
+        witness.arm(0.0)
+        await until(lambda: witness.latest() == ModeKind.SAFE_STOP, "who has the key now is obeyed")
+        assert asyncio.get_running_loop().time() - told < 5.0
+        for frame in operator.said:
+            attacker.send(frame)
+        witness.say(Ping(0, 1))
+        await until(lambda: any(isinstance(each, Ping) for each in witness.heard), "all was heard")
+        assert witness.latest() == ModeKind.SAFE_STOP, "the recorded arming released it"
+        assert {each.stops for each in witness.heard if isinstance(each, Mode)} <= {1, 2}
+        attacker.close()

@@ -96,22 +96,14 @@ async def campaign(folder: Path, kills: int, seed: int) -> Counter[str]:
 
 
 @pytest.mark.timeout(400)
-async def test_orders_survive_kills_of_robot_and_directories(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    states = await campaign(tmp_path, 4, 1)
+async def test_orders_survive_kills_of_robot_and_directories(place: Path) -> None:
+    states = await campaign(place, 4, 1)
     assert states.total() == 2 * AT_ONCE
     assert states["done"]
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
-async def test_three_hundred_kills(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    states = await campaign(tmp_path, 300, 2)
+async def test_three_hundred_kills(place: Path) -> None:
+    states = await campaign(place, 300, 2)
     assert states["done"]

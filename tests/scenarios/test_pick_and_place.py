@@ -1,4 +1,4 @@
-"""The shipped pick-and-place in the demo's cell, and a second arm beside it, typed as page and guide say."""
+"""The shipped pick-and-place with the demo's arm, and a second arm beside it, typed as page and guide say."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ async def test_the_lines_of_the_page_move_the_block_and_it_can_be_brought_back(
     *begin, call = [line for line in PAGE.read_text().splitlines() if line.startswith("robotree ")]
     back = call.replace(THERE, "?").replace(BACK, THERE).replace("?", BACK)
     async with Crew("picking", place) as crew:
-        await cast(crew, speedup="6")
+        table = await crew.start("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--speedup", "6")
+        await crew.start_all(("host", "host-1"), ("proxy", "arm", "arm-1", "--connect", table.address))
         run = within_realm("picking")
         for line in begin:
             assert (await typed(run, line))[0] == exit_codes.DONE

@@ -12,7 +12,7 @@ from robotree.tui.exit_codes import NOBODY, REFUSED
 from robotree.tui.processes.crew import Crew
 from robotree.vr.base.principal import user_name
 from tests.command_line import within_realm
-from tests.scenarios.test_sites import Machine
+from tests.plant import Machine
 from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]  # it says many lines

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -33,22 +32,12 @@ LISTED = b"arm-1"
 
 
 @pytest.fixture
-def open_terminal() -> Iterator[type[Terminal]]:
-    opened = list[Terminal]()
+def open_terminal(terminals: list[Terminal]) -> Callable[..., Terminal]:
+    def opened(*words: str) -> Terminal:
+        terminals.append(Terminal(*words))
+        return terminals[-1]
 
-    class Opened(Terminal):
-        def __init__(self, *words: str) -> None:
-            super().__init__(*words)
-            opened.append(self)
-
-    yield Opened
-    for one in opened:
-        family = one.family()
-        one.close()
-        for pid in family:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        one.wait()
+    return opened
 
 
 def led_by_make(folder: Path, *words: str) -> tuple[str, ...]:
@@ -71,7 +60,7 @@ def gone(terminal: Terminal, family: list[int]) -> None:
 
 
 def test_a_demo_ends_with_its_terminal_and_leaves_nobody(
-    tmp_path: Path, open_terminal: type[Terminal]
+    tmp_path: Path, open_terminal: Callable[..., Terminal]
 ) -> None:
     terminal = open_terminal(*led_by_make(tmp_path, "demo", "--realm", "closed"))
     terminal.shows(LISTED)
@@ -82,7 +71,7 @@ def test_a_demo_ends_with_its_terminal_and_leaves_nobody(
 
 
 def test_the_demo_of_the_companion_shows_its_next_step_and_the_robots_that_it_names(
-    open_terminal: type[Terminal],
+    open_terminal: Callable[..., Terminal],
 ) -> None:
     terminal = open_terminal(*ROBOTREE, "demo", "companion", "--realm", "flat", "--speedup", "3")
     terminal.shows(SCREEN)
@@ -94,7 +83,7 @@ def test_the_demo_of_the_companion_shows_its_next_step_and_the_robots_that_it_na
 
 
 def test_a_demo_whose_terminal_closes_while_it_starts_leaves_nobody_after_many_signals(
-    tmp_path: Path, open_terminal: type[Terminal]
+    tmp_path: Path, open_terminal: Callable[..., Terminal]
 ) -> None:
     terminal = open_terminal(*led_by_make(tmp_path, "demo", "--realm", "closed"))
     terminal.shows(STARTED)
@@ -107,7 +96,7 @@ def test_a_demo_whose_terminal_closes_while_it_starts_leaves_nobody_after_many_s
 
 
 def test_the_plain_screen_ends_with_its_terminal(
-    open_terminal: type[Terminal],
+    open_terminal: Callable[..., Terminal],
 ) -> None:
     terminal = open_terminal(*ROBOTREE, "--realm", "closed")
     terminal.shows(SCREEN)
@@ -118,7 +107,7 @@ def test_the_plain_screen_ends_with_its_terminal(
 
 
 def test_a_screen_whose_terminal_takes_nothing_more_still_ends_when_it_is_told_to(
-    open_terminal: type[Terminal],
+    open_terminal: Callable[..., Terminal],
 ) -> None:
     terminal = open_terminal(*ROBOTREE, "--realm", "stalled")
     terminal.shows(SCREEN)

@@ -53,6 +53,7 @@ async def test_figure_4_6_it_enslaves_the_proxy_chosen_among_the_right_kind(stag
     await stage.press("e")
     await stage.sees("teleop.arm", "takes Arm", "arm-1")
     offered = stage.app.screen.query_one("#children")
+    assert "rover-1" in stage.listed
     assert [option.id for option in offered.options] == ["arm-1"], "a rover does not fit"
     await stage.press("enter")
     await stage.until(lambda: "arm-1" not in stage.listed)

@@ -13,13 +13,13 @@ import pytest
 import pytest_asyncio
 
 from robotree.client.joining import joined
-from robotree.tui.demo import cast
 from robotree.tui.line import grammar
 from robotree.tui.processes.crew import Crew
 from robotree.tui.screen.app import Supervisor
 from robotree.vr.base.requests import State
 from tests.architecture.test_documents import blocks
 from tests.command_line import ROBOTREE, within_realm
+from tests.scenarios.conftest import arm_cell
 from tests.screen import text_of
 from tests.tui.recording.foxglove_client import connected
 from tests.waiting import until
@@ -32,7 +32,7 @@ ROOT = Path(__file__).parents[2]
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def cell(shared_place: Path) -> AsyncIterator[Crew]:
     async with Crew("drilled", shared_place) as crew:
-        await cast(crew, speedup="4")
+        await arm_cell(crew, "2")
         yield crew
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import signal
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +13,14 @@ import pytest
 
 from robotree.tui import exit_codes
 from tests.command_line import robotree
-from tests.terminal import ENTER, Sitting
+from tests.ports import free_port
+from tests.terminal import ENTER, Sitting, Terminal
 from tests.waiting import PATIENCE
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
 
+EACH = 0.5
+"""[s] between two questions: each is a process beside those that are waited for."""
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SAW = """
 from robotree.vr import Child, VirtualRobot, command
@@ -43,39 +44,42 @@ class Saw(VirtualRobot):
 """
 
 
-@pytest.fixture
-def people() -> Iterator[list[Sitting]]:
-    found: list[Sitting] = []
-    yield found
-    for each in found:
-        family = each.family()
-        each.close()
-        for pid in family:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        each.wait()
-
-
 def say(*words: str | Path, code: int = exit_codes.DONE) -> Any:
     done = robotree("--realm", "cell", *words, "--json")
     assert done.returncode == code, done.stderr
     return json.loads(done.stdout) if done.stdout.strip() else None
 
 
+def up(terminals: list[Terminal], *agents: tuple[str, ...]) -> None:
+    """Start agents, each in a terminal, and wait until they are there."""
+    crew = [Sitting("cell", *words) for words in agents]
+    terminals += crew
+    for each in crew:
+        each.shows(b"ready ")
+
+
 def by_name(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
     return next(each for each in found if each["robot"] == name)
 
 
-def test_the_lever_is_closed_by_two_operators_with_one_hand_over(people: list[Sitting]) -> None:
-    anna = Sitting("cell", "demo", "--speedup", "4")
-    people.append(anna)
+def test_the_lever_is_closed_by_two_operators_with_one_hand_over(terminals: list[Terminal]) -> None:
+    address = f"tcp:127.0.0.1:{free_port()}"
+    up(
+        terminals,
+        ("sim", "arm", "--listen", address, "--state", "none", "--speedup", "4", "--open"),
+        ("lookup", "l1"),
+        ("host", "h1"),
+        ("proxy", "arm", "arm-1", "--connect", address, "--open"),
+    )
+    anna = Sitting("cell", "supervise")
+    terminals.append(anna)
     anna.shows(b"arm-1")
     say("create", EXAMPLES / "move_to.py", "as", "mover")
     say("create", EXAMPLES / "open_close_lever.py", "as", "lever")
     say("enslave", "mover.arm", "arm-1")
     say("enslave", "lever.mover", "mover")
     ben = Sitting("cell", "supervise")
-    people.append(ben)
+    terminals.append(ben)
     ben.shows(b"lever")
     anna.types(f":control get lever{ENTER}", sees="you have control of lever")
     ben.types(f":call lever.close{ENTER}", sees=f"{anna.name} has control of lever; ask for it")
@@ -95,27 +99,27 @@ def test_the_lever_is_closed_by_two_operators_with_one_hand_over(people: list[Si
     ben.shows(b"you have control of lever")
     ben.types(f":call lever.close{ENTER}", sees="lever")
     deadline = time.monotonic() + 3 * PATIENCE  # a simulated arm moves as fast as the machine computes
-    while say("show", "lever")["calls"].get("close", 0) < 1 or say("show", "lever").get("busy"):
+    while (lever := say("show", "lever"))["calls"].get("close", 0) < 1 or lever.get("busy"):
         assert time.monotonic() < deadline
+        time.sleep(EACH)
     anna.types(f":call lever.open{ENTER}", sees=f"{ben.name} has control of lever; ask for it")
     ben.leave()
     deadline = time.monotonic() + 60
     while say("who")["control"]:
         assert time.monotonic() < deadline, "who vanishes loses what was theirs"
+        time.sleep(EACH)
     assert "lever.close" not in say("who")["operators"]
 
 
 def test_a_held_key_at_the_screen_and_at_the_command_line_and_none_in_a_session(
-    people: list[Sitting], tmp_path: Path
+    terminals: list[Terminal], tmp_path: Path
 ) -> None:
     (tmp_path / "saw.py").write_text(SAW)
-    crew = [Sitting("cell", "lookup", "l1"), Sitting("cell", "host", "h1")]
-    people += crew
-    for each in crew:
-        each.shows(b"\n")
+    up(terminals, ("lookup", "l1"), ("host", "h1"))
     deadline = time.monotonic() + 60
     while robotree("--realm", "cell", "create", tmp_path / "saw.py", "as", "saw").returncode:
         assert time.monotonic() < deadline
+        time.sleep(EACH)
 
     def turned() -> float:
         return float(say("show", "saw")["readings"]["turned"])
@@ -128,7 +132,7 @@ def test_a_held_key_at_the_screen_and_at_the_command_line_and_none_in_a_session(
     assert "goes on only while somebody holds a key" in refused.stderr
     assert turned() == 0
     line = Sitting("cell", "call", "saw.turn")
-    people.append(line)
+    terminals.append(line)
     line.shows(b"goes on while you hold a key")
     time.sleep(2.5)  # longer than a command goes on without a key
     assert turned() == 0, "before the first key nothing moves"
@@ -139,7 +143,7 @@ def test_a_held_key_at_the_screen_and_at_the_command_line_and_none_in_a_session(
     line.shows(b"nobody has held a key for 2 s")
     line.wait()
     screen = Sitting("cell", "supervise")
-    people.append(screen)
+    terminals.append(screen)
     screen.shows(b"saw")
     before = turned()
     screen.types(f":call saw.turn{ENTER}", sees="Hold any letter")
@@ -151,4 +155,5 @@ def test_a_held_key_at_the_screen_and_at_the_command_line_and_none_in_a_session(
     deadline = time.monotonic() + 60
     while say("show", "saw").get("busy"):
         assert time.monotonic() < deadline, "a screen that is stopped holds no key"
+        time.sleep(EACH)
     os.kill(screen.pid, signal.SIGCONT)

@@ -34,7 +34,7 @@ from robotree.protocol.messages import (
 from robotree.protocol.signing import Key, Signer, SigningTime, StreamTable, Verifier
 from robotree.protocol.testing import RecordingHandler
 from robotree.sim.serving.server import Server, serving
-from tests.scenarios.test_replay_after_a_kill import Operator
+from tests.scenarios.test_keys import Operator
 from tests.station import PATIENCE, Station
 from tests.waiting import until
 

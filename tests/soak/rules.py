@@ -28,7 +28,7 @@ from robotree.protocol.messages import (
 )
 from robotree.protocol.testing import RecordingHandler
 from robotree.vr.base.errors import VrError
-from tests.scenarios.test_replay_after_a_kill import Operator
+from tests.scenarios.test_keys import Operator
 from tests.soak.stage import ARM, Observer, Stage, holds
 from tests.soak.table import Row, Trial
 from tests.station import BEAT, Station

@@ -22,7 +22,7 @@ from tests.tui.composing.tapes import recording
 DOC = (Path(__file__).parents[3] / "docs" / "composing.md").read_text()
 BLOCKS = re.findall(r"^```(\S*) ?(\S*)\n(.*?)^```$", DOC, re.MULTILINE | re.DOTALL)
 ELSEWHERE = {"record", "demo"}
-"""Verbs of the guide that test_recordings.py and test_demo_compose.py of tests/scenarios carry out."""
+"""Verbs of the guide that test_recordings.py and test_demos.py of tests/scenarios carry out."""
 
 
 def test_each_command_of_the_guide_is_carried_out(

@@ -1,12 +1,10 @@
-"""The lines of docs/orders.md, typed by a person, with a rover that is switched off and on again."""
+"""The lines of docs/orders.md and docs/travel.md, typed by a person."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import os
 import re
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +12,34 @@ import pytest
 
 from robotree.client.joining import joined
 from robotree.tui.processes.crew import Crew
-from tests.command_line import PATIENCE, ROBOTREE, robotree
+from tests.architecture.test_documents import blocks
+from tests.command_line import PATIENCE, robotree
 
-pytestmark = [pytest.mark.e2e]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]
 
-GUIDE = (Path(__file__).parents[2] / "docs" / "orders.md").read_text(encoding="utf-8")
-NBSA = (Path(__file__).parents[2] / "docs" / "nbsa.md").read_text(encoding="utf-8")
-LINES = [line for block in re.findall(r"```sh\n(.*?)```", GUIDE, re.DOTALL) for line in block.splitlines()]
+ROOT = Path(__file__).parents[2]
+ORDERS = [line for block in blocks(ROOT / "docs" / "orders.md", "sh") for line in block.splitlines()]
+TRAVEL = re.findall(r"^robotree .*$", (ROOT / "docs" / "travel.md").read_text(), re.MULTILINE)
+SESSION = """\
+migrate patrol to h1
+expect patrol on h1 within 30s
+migrate patrol to h2
+expect patrol on h2 within 30s
+"""
 
 
-def test_the_table_of_the_paper_names_tests_that_there_are() -> None:
-    root = Path(__file__).parents[2]
-    paths = [root / path for path in re.findall(r"`(tests/[\w/.]+)`", NBSA)]
-    assert [path for path in paths if not path.exists()] == []
-    named = "".join(path.read_text(encoding="utf-8") for path in paths if path.is_file())
-    assert [test for test in re.findall(r"`(test_\w+)`", NBSA) if f"def {test}(" not in named] == []
+@pytest.fixture(autouse=True)
+def at_the_clone(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sit where the guides' files are, in a realm of the test."""
+    del place  # there before it, and longer
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("ROBOTREE_REALM", "guide")
+
+
+async def say(line: str, code: int = 0) -> Any:
+    done = await asyncio.to_thread(robotree, *line.split()[1:], "--json")
+    assert done.returncode == code, (line, done.stdout, done.stderr)
+    return json.loads(done.stdout)
 
 
 async def _remembered() -> None:
@@ -38,21 +49,8 @@ async def _remembered() -> None:
             await asyncio.sleep(0.1)
 
 
-@pytest.mark.timeout(300)
-async def test_each_line_of_the_guide_can_be_typed(  # noqa: C901, PLR0915 # a case for each line
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setenv("ROBOTREE_REALM", "guide")
+async def test_each_line_of_the_guide_of_orders_can_be_typed() -> None:  # a case for each line
     ticket = ""
-
-    async def say(line: str, code: int = 0) -> Any:
-        words = line.replace("TICKET", ticket).split()[1:]
-        done = await asyncio.to_thread(robotree, *words, "--json")
-        assert done.returncode == code, (line, done.stdout, done.stderr)
-        return json.loads(done.stdout)
 
     async def until(line: str, holds: Any) -> Any:
         async with asyncio.timeout(PATIENCE):
@@ -63,7 +61,7 @@ async def test_each_line_of_the_guide_can_be_typed(  # noqa: C901, PLR0915 # a c
     async with Crew("guide", key="none") as crew:
         sim, _ = await crew.start_all(
             ("sim", "rover", "--listen", "tcp:127.0.0.1:0", "--state", "none"),
-            tuple(LINES[0].split()[1:]),
+            tuple(ORDERS[0].split()[1:]),
         )
         words = ("proxy", "rover", "rover-1", "--connect", sim.address)
         proxy = await crew.start(*words)
@@ -72,8 +70,8 @@ async def test_each_line_of_the_guide_can_be_typed(  # noqa: C901, PLR0915 # a c
         await _remembered()
         crew.members.remove(proxy)
         await proxy.stop()
-        for line in LINES[1:]:
-            data = await say(line)
+        for line in ORDERS[1:]:
+            data = await say(line.replace("TICKET", ticket))
             match line.split()[1]:
                 case "ls":
                     assert data[0]["state"].startswith("away since")
@@ -105,15 +103,19 @@ async def test_each_line_of_the_guide_can_be_typed(  # noqa: C901, PLR0915 # a c
         assert not await say("robotree inbox")
 
 
-@pytest.mark.timeout(300)
-def test_the_demo_of_a_rover_that_is_away_ends_well(tmp_path: Path) -> None:
-    (tmp_path / "run").mkdir(mode=0o700)
-    home = {"XDG_RUNTIME_DIR": str(tmp_path / "run"), "XDG_STATE_HOME": str(tmp_path / "state")}
-    words = (*ROBOTREE, "demo", "away", "--headless")
-    played = subprocess.run(
-        words, env={**os.environ, **home}, cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert played.returncode == 0, played.stdout + played.stderr
-    verdict = json.loads(played.stdout.splitlines()[-1])
-    assert verdict["ok"]
-    assert (verdict["orders_away"], verdict["twice"], verdict["doubts"], verdict["kills"]) == (3, 0, 0, 1)
+async def test_each_line_of_the_guide_of_travelling_can_be_typed(tmp_path: Path) -> None:
+    async def where() -> dict[str, list[str]]:
+        return {host["name"]: host["robots"] for host in await say("robotree ls --hosts")}
+
+    hosts = [line for line in TRAVEL if line.split()[1] == "host"]
+    async with Crew("guide", key="none") as crew:
+        await crew.start_all(("lookup", "l1"), *(tuple(line.split()[1:]) for line in hosts))
+        for line in TRAVEL:
+            if line not in hosts:
+                await say(line)
+        assert await where() == {"h1": [], "h2": ["patrol"]}
+        session = tmp_path / "a.session"
+        session.write_text(SESSION)
+        assert (await say(f"robotree run {session}"))["ok"]
+        await say("robotree drain h2")
+        assert await where() == {"h1": ["patrol"], "h2": []}

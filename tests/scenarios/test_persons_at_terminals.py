@@ -1,4 +1,4 @@
-"""A person at a real terminal sends the simulated arm to a point: by the plan, by a picture, by a name."""
+"""A person at a real terminal: points where the simulated arm shall go, drives a rover, looks at its wire."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ import pytest
 from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
-from tests.command_line import ROBOTREE
-from tests.terminal import ENTER, RIGHT, Person
+from tests.command_line import ROBOTREE, within_realm
+from tests.terminal import CTRL_R, ENTER, RIGHT, Person
 from tests.waiting import PATIENCE, until
 
-pytestmark = [pytest.mark.e2e]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400), pytest.mark.usefixtures("place")]
 
 REALM = "places"
 UP, LEFT = "\x1b[A", "\x1b[D"
@@ -59,10 +59,7 @@ def say(*words: str) -> tuple[int, dict[str, Any]]:
 
 
 @pytest.mark.timeout(400)
-async def test_the_arm_goes_where_somebody_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "run").mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+async def test_the_arm_goes_where_somebody_points() -> None:
     async with Crew(REALM, key="none") as crew, joined(REALM) as realm_client:
         sim, _ = await crew.start_all(
             ("sim", "arm", "--listen", "tcp:127.0.0.1:0", "--state", "none"), ("lookup", "lookup-1")
@@ -135,3 +132,47 @@ async def named_places(realm_client: Any) -> None:
     code, refused = await asyncio.to_thread(say, "go", "arm-1", "@shelf", "--preview")
     assert code == exit_codes.REFUSED
     assert "safe stop is in force" in refused["message"]
+
+
+@pytest.mark.timeout(300)
+async def test_a_rover_is_moved_by_who_knows_nothing_of_robots() -> None:
+    async with Crew("user", key="none") as crew:
+        sim, _ = await crew.start_all(
+            ("sim", "rover", "--listen", "tcp:127.0.0.1:0", "--state", "none"), ("lookup", "lookup-1")
+        )
+        await crew.start("proxy", "rover", "rover-1", "--connect", sim.address)
+        person = Person("user", "user", columns=40, lines=20)
+        try:
+            await asyncio.to_thread(person.shows, b"Move by a distance")
+            for keys, sees in (
+                (ENTER, "by rover-1"),
+                (f"0.2{ENTER}0{ENTER}", "typed"),
+                (CTRL_R, "Results"),
+            ):
+                await asyncio.to_thread(person.types, keys, sees=sees)
+            await asyncio.to_thread(person.types, " ", sees="")
+            # of the row, either line may be drawn anew
+            await asyncio.to_thread(person.shows, b"go on?", b"stopped: rover-1")
+            assert b"Traceback" not in person.shown
+        finally:
+            await asyncio.to_thread(person.leave)
+
+
+async def test_a_field_on_the_wire_is_ticked_and_drawn(place: Path) -> None:
+    run = within_realm("messages")
+    async with Crew("messages", place) as crew:
+        await crew.start("lookup", "l1")
+        rover = await crew.start("sim", "rover", "--listen", "tcp:127.0.0.1:0", "--state", "none")
+        await crew.start("proxy", "rover", "rover-1", "--connect", rover.address)
+        code, _, complaints = await run("show", "rover-1")
+        assert code == 0, complaints
+        person = Person("messages", columns=140, lines=44)
+        try:
+            await asyncio.to_thread(person.shows, b"rover-1")
+            await asyncio.to_thread(person.types, "Q", sees="HEARTBEAT")
+            await asyncio.to_thread(person.types, "", sees="□")
+            await asyncio.to_thread(person.types, ENTER, sees="0.")
+            await asyncio.to_thread(person.types, ENTER, sees="■")
+            await asyncio.to_thread(person.types, "U", sees="⠉⠉")
+        finally:
+            person.leave()

@@ -1,20 +1,29 @@
-"""The units of systemd start what the guide says, and systemd understands them."""
+"""What `deploy` brings: systemd's units, the compose file, and the backup of docs/lab.md."""
 
 from __future__ import annotations
 
 import configparser
+import json
 import os
+import re
 import shlex
 import shutil
 import socket
 import subprocess
+import tarfile
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
+from robotree.tui import exit_codes
 from robotree.tui.line import manual
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.serving import MANAGER, tell_the_manager
+from tests.command_line import within_realm
+
+# -- the units of systemd start what the guide says, and systemd understands them -----------------
 
 ROOT = Path(__file__).parents[2]
 UNITS = sorted((ROOT / "deploy").glob("robotree*"))
@@ -117,3 +126,75 @@ async def test_a_process_says_to_its_manager_that_it_is_up(
         async with Crew("services", place) as crew:
             await crew.start("lookup", "lookup-1")
             assert manager.recv(100) == b"READY=1"
+
+
+# -- the compose file -----------------------------------------------------------------------------
+
+COMPOSE = Path(__file__).parents[2] / "deploy" / "compose.yaml"
+COMPOSED: dict[str, dict[str, Any]] = yaml.safe_load(COMPOSE.read_text())["services"]
+VERBS = {"hub": "hub", "gateway": "gateway", "lookup": "lookup", "host": "host", "robot": "proxy"}
+BESIDE = sorted(set(VERBS) - {"hub", "gateway"})
+
+
+def test_each_service_starts_a_line_that_robotree_understands() -> None:
+    lines = {name: re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", COMPOSED[name]["command"]) for name in COMPOSED}
+    assert {name: manual.shell().parse(shlex.split(line)).verb for name, line in lines.items()} == VERBS
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_a_process_of_a_site_shares_sockets_and_process_numbers_with_its_gateway(name: str) -> None:
+    service = COMPOSED[name]
+    assert service["network_mode"] == service["pid"] == "service:gateway"
+    assert service["volumes"] == COMPOSED["gateway"]["volumes"]
+
+
+def test_a_site_opens_no_port_and_the_hub_has_no_key_of_the_realm() -> None:
+    assert [name for name, service in COMPOSED.items() if "ports" in service] == ["hub"]
+    assert not set(COMPOSED["hub"]["volumes"]) & set(COMPOSED["gateway"]["volumes"])
+
+
+# -- the backup: what is restored is there again, with its state, and begins stopped --------------
+
+robotree = within_realm("backup")
+COUNTER = """
+from robotree.vr import VirtualRobot, command, state
+
+class Counter(VirtualRobot):
+    count: int = state(0)
+
+    @command
+    def add(self) -> int:
+        self.count += 1
+        return self.count
+"""
+
+
+async def say(*words: str) -> Any:
+    code, out, err = await robotree(*words, "--json")
+    assert code == exit_codes.DONE, (words, out, err)
+    return json.loads(out or "null")
+
+
+@pytest.mark.e2e
+async def test_what_is_restored_has_its_state_and_begins_stopped(place: Path, tmp_path: Path) -> None:
+    page = tmp_path / "counter.py"
+    page.write_text(COUNTER)
+    async with Crew("backup", place) as crew:
+        await crew.start_all(("lookup", "lookup-1"), ("host", "host-1"))
+        await say("create", str(page), "as", "counter")
+        assert await say("call", "counter.add") == 1
+        assert (await say("stop"))["stopped"] == ["counter"]
+    state = Path(os.environ["XDG_STATE_HOME"], "robotree")
+    with tarfile.open(tmp_path / "lab.tgz", "w:gz") as archive:
+        archive.add(state, "robotree")
+    shutil.rmtree(state)
+    with tarfile.open(tmp_path / "lab.tgz") as archive:
+        archive.extractall(state.parent, filter="data")
+    async with Crew("backup", place) as crew:
+        await crew.start_all(("lookup", "lookup-1"), ("host", "host-1"))
+        code, _, said = await robotree("call", "counter.add")
+        assert code == exit_codes.REFUSED
+        assert "counter is stopped" in said
+        assert await say("history", "counter", "--verify")
+        assert (await say("resume"))["resumed"] == ["counter"]
+        assert await say("call", "counter.add") == 2
