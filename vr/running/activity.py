@@ -33,12 +33,13 @@ from robotree.vr.base.errors import (
 from robotree.vr.base.requests import LONGEST_CLEANUP, AnyRequest, Level, Raised, Reply, Returned, State
 from robotree.vr.core import events as on
 from robotree.vr.core.machine import RobotState
+from robotree.vr.running.catching import at_work
 from robotree.vr.running.child_call import CallManner, ChildCall, call_child
 from robotree.vr.running.feed import Feeds, NoReadingYet
 from robotree.vr.running.frame import Abandoned, Branch, Frame
 from robotree.vr.running.ice import GoneOn
 from robotree.vr.running.own_errors import raised
-from robotree.vr.running.page_trace import at_work, begin_of
+from robotree.vr.running.page_trace import begin_of
 from robotree.vr.running.process import Worker
 from robotree.vr.running.replay import Replay
 from robotree.vr.running.robot_runtime import RobotRuntime

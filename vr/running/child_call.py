@@ -49,9 +49,10 @@ from robotree.vr.base.requests import (
 )
 from robotree.vr.core import events as on
 from robotree.vr.running import doubt
+from robotree.vr.running.catching import catches
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.ice import Frozen
-from robotree.vr.running.page_trace import catches, page_line
+from robotree.vr.running.page_trace import page_line
 from robotree.vr.running.process import Worker
 from robotree.vr.running.replay import Intent
 from robotree.vr.running.robot_runtime import NotDescribed, RobotRuntime

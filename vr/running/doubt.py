@@ -24,10 +24,10 @@ from robotree.vr.base.errors import CommandInDoubt, EndedInDoubt, VrError
 from robotree.vr.base.readable import quantity
 from robotree.vr.base.requests import Raised, Returned
 from robotree.vr.core.bonds import RETURN
+from robotree.vr.running.catching import catches
 from robotree.vr.running.feed import Feeds
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.ice import GoneOn
-from robotree.vr.running.page_trace import catches
 from robotree.vr.running.process import Worker
 from robotree.vr.running.replay import Intent, words_of_step
 from robotree.vr.running.robot_runtime import RobotRuntime
