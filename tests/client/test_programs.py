@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -109,7 +109,7 @@ class Swimmer(Kind):
 
 
 @contextlib.contextmanager
-def member(*words: str) -> Iterator[str]:
+def member(*words: str) -> Generator[str]:
     """A process of the realm, which ends with the block; gives the address at which it listens."""
     command = [*ROBOTREE, *words, "--tether"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
