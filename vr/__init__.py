@@ -26,10 +26,9 @@ if TYPE_CHECKING:
     from robotree.vr.author.readings import Record
     from robotree.vr.author.retry import retry
     from robotree.vr.author.robot import Robot
-    from robotree.vr.author.service import Service
     from robotree.vr.author.signature import Within
     from robotree.vr.author.stream import Stream
-    from robotree.vr.author.virtual_robot import VirtualRobot
+    from robotree.vr.author.virtual_robot import Service, VirtualRobot
     from robotree.vr.author.watch import Watch
     from robotree.vr.base.errors import (
         BadArgument,
@@ -103,10 +102,9 @@ _FROM = {
     "author.readings": ("Record",),
     "author.retry": ("retry",),
     "author.robot": ("Robot",),
-    "author.service": ("Service",),
     "author.signature": ("Within",),
     "author.stream": ("Stream",),
-    "author.virtual_robot": ("VirtualRobot",),
+    "author.virtual_robot": ("Service", "VirtualRobot"),
     "author.watch": ("Watch",),
     "base.units": ("Range", "Unit"),
 }

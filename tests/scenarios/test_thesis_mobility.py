@@ -15,7 +15,7 @@ import pytest
 
 from robotree.vr.base.errors import CannotMove
 from robotree.vr.base.requests import TakeRobot
-from tests.vr.moving.stage import Stage, played
+from tests.vr.moving.conftest import Stage, played
 from tests.vr.moving.test_moves import LEAF, TOUR
 
 pytestmark = pytest.mark.real_threads

@@ -423,20 +423,19 @@ def test_under_seeds() -> None:
 """
 
 
-def run(folder: Path, *options: str) -> str:
-    (folder / "test_nod.py").write_text(TESTS)
+def test_a_failing_test_shows_the_difference_and_the_story_and_the_command_line_chooses_the_seed(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "test_nod.py").write_text(TESTS)
+    options = ("-q", "-s", "-p", "no:cacheprovider", "--robotree-seed", "4321")
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, str(folder)],
+        [sys.executable, "-m", "pytest", *options, str(tmp_path)],
         capture_output=True,
         text=True,
         check=False,
-        cwd=folder,
+        cwd=tmp_path,
     )
-    return done.stdout + done.stderr
-
-
-def test_a_failing_test_shows_the_difference_and_the_story(tmp_path: Path) -> None:
-    output = run(tmp_path)
+    output = done.stdout + done.stderr
     assert "3 passed" in output
     assert "1 failed" in output
     assert "= arm.grip(action='open')" in output
@@ -444,10 +443,6 @@ def test_a_failing_test_shows_the_difference_and_the_story(tmp_path: Path) -> No
     assert "+ arm.go_to(x=0.3, y=0, z=0.2, twist=0)" in output
     assert "rehearsal 1: what was commanded" in output
     assert "1.124 s  arm.go_to(x=0.3, y=0, z=0.2, twist=0)" in output
-
-
-def test_the_command_line_chooses_the_seed(tmp_path: Path) -> None:
-    output = run(tmp_path, "-s", "-k", "seeds", "--robotree-seed", "4321")
     assert "seed 4321" in output
     assert "seed 1\n" not in output
 

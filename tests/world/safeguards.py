@@ -82,7 +82,7 @@ from robotree.vr.scripts.run import ScriptRun
 from robotree.vr.sites.gateway import Gateway
 from robotree.vr.sites.site import Site
 from robotree.vr.sites.stopping import SiteStops
-from robotree.vr.supervision.releases import Releases
+from robotree.vr.supervision.stop import Releases
 from robotree.vr.world.virtual_runner import VirtualLock
 
 

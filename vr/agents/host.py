@@ -27,8 +27,7 @@ from robotree.vr.agents.shared import Beside, Shared
 from robotree.vr.agents.taker import say_deleted
 from robotree.vr.agents.ways import host_beside
 from robotree.vr.author.robot import Robot
-from robotree.vr.author.service import Service
-from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.author.virtual_robot import Service, VirtualRobot
 from robotree.vr.base.address import Address, check_name
 from robotree.vr.base.envelope import Received
 from robotree.vr.base.errors import (

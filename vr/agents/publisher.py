@@ -22,8 +22,7 @@ from robotree.vr.agents.hooks import Hooks
 from robotree.vr.agents.shared import ROUND, Shared
 from robotree.vr.agents.streams import Streams
 from robotree.vr.author.fields import StateField
-from robotree.vr.author.service import Service, expect_lendable
-from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.author.virtual_robot import Service, VirtualRobot, expect_lendable
 from robotree.vr.base.description import BondSpec, Listing, RobotDescription, SlotSpec
 from robotree.vr.base.errors import TransportError, VrError
 from robotree.vr.base.permissions import Isolation

@@ -10,9 +10,8 @@ from collections.abc import Iterator
 from inspect import getattr_static
 from typing import Any
 
-from robotree.vr.author.service import Service
 from robotree.vr.author.together import Race
-from robotree.vr.author.virtual_robot import VirtualRobot
+from robotree.vr.author.virtual_robot import Service, VirtualRobot
 from robotree.vr.core.machine import RobotState
 from robotree.vr.running.frame import Frame
 from robotree.vr.running.robot_runtime import RobotRuntime

@@ -1,4 +1,4 @@
-"""The base class for users: a robot made of other robots' commands."""
+"""The base classes for users: a robot made of other robots' commands, and services with behaviours."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from robotree.vr.author.robot import HOOKS, OPTIONS, Robot, attributes_of, expec
 from robotree.vr.author.space import Space
 from robotree.vr.author.stream import DeclaredStream
 from robotree.vr.author.watch import Watch
+from robotree.vr.base.address import check_name
 from robotree.vr.base.description import PLACEMENTS, Placement, SlotSpec, offered
+from robotree.vr.base.errors import BadName
 from robotree.vr.base.units import Unit
 from robotree.vr.core.bonds import Slots
 
@@ -253,3 +255,85 @@ def _listed(value: object) -> list[str]:
         return []
     parts = cast("Iterable[object]", value.values() if isinstance(value, dict) else value)
     return [part.kind for part in parts if isinstance(part, Child)]
+
+
+# -- services: pages that work for robots from outside ---------------------------------------------
+
+
+MOST_TEXTS = 20
+"""Behaviours, and roles, of one service."""
+LARGEST_ROLES = 10_000
+"""Characters of the roles of one service: every lookup service has them."""
+
+
+class Service(VirtualRobot):
+    """A virtual robot that is there for others, with behaviours of its own.
+
+        class Greeter(Service):
+            robot = Watch("Robot", "who is listened to")
+            behaviours = {"greet": GREET}
+
+    It watches robots without a lease, offers commands, streams and readings, and brings scripts: its
+    behaviours, which are robots named SERVICE-BEHAVIOUR on the same host. They are made with the service, are
+    inactive until their partners are there, and go with it. It lends roles: robots that play roles can play
+    SERVICE-ROLE as long as the service is listed.
+    """
+
+    behaviours: ClassVar[Mapping[str, str]] = {}
+    """Texts of scripts (YAML) by name. A partner of the service's own kind is the service itself: the first
+    behaviour that has such a partner gets it."""
+    lends: ClassVar[Mapping[str, str]] = {}
+    """Texts of roles (YAML) by name, which robots play as SERVICE-ROLE, and forget when it leaves."""
+
+    def __init_subclass__(cls) -> None:
+        """Refuse behaviours that cannot be made, and roles that cannot be lent.
+
+        Raises:
+            TypeError: `behaviours` or `lends` is no mapping of names to texts, or of too many, or too long;
+                or see `VirtualRobot`.
+        """
+        super().__init_subclass__()
+        _expect_texts(f"{cls.__name__}.behaviours", cls.behaviours, "script", "greet")
+        expect_lendable(f"{cls.__name__}.lends", cls.lends)
+
+
+def expect_lendable(where: str, given: Any) -> dict[str, str]:
+    """Return a copy of the roles that a service lends, texts by name, if they can be lent.
+
+    A name has no `-`, so that `desk-a-b` is a role of `desk-a`, and never one of `desk`.
+
+    Args:
+        where: they come from, for people.
+        given: they may be anything.
+
+    Raises:
+        TypeError: they cannot; says why.
+    """
+    roles = _expect_texts(where, given, "role", "clerk")
+    for name in roles:
+        if "-" in name:
+            raise TypeError(f"{where}: {name!r} has a '-', which parts a service from its role; leave it out")
+    if sum(map(len, roles.values())) > LARGEST_ROLES:
+        raise TypeError(f"{where} has more than {LARGEST_ROLES} characters")
+    return roles
+
+
+def _expect_texts(where: str, given: Any, noun: str, example: str) -> dict[str, str]:
+    """Return a copy of texts by name; refuse what gives none.
+
+    Raises:
+        TypeError: says what is wrong.
+    """
+    if not isinstance(given, Mapping):
+        raise TypeError(f'{where} gives a {noun} by name: write {{"{example}": """…"""}}')
+    texts = dict(cast("Mapping[object, object]", given))
+    if len(texts) > MOST_TEXTS:
+        raise TypeError(f"{where} has more than {MOST_TEXTS}")
+    for name, text in texts.items():
+        if not (isinstance(name, str) and isinstance(text, str)):
+            raise TypeError(f"{where}: {name!r} and its {noun} must be texts")
+        try:
+            check_name(name)
+        except BadName as error:
+            raise TypeError(f"{where}: {error}") from None
+    return cast("dict[str, str]", texts)

@@ -41,8 +41,7 @@ from typing import Any, TypeVar, cast
 from robotree.files import overwrite
 from robotree.vr.author.child import Slotted
 from robotree.vr.author.robot import Robot
-from robotree.vr.author.service import Service
-from robotree.vr.author.virtual_robot import RESERVED, VirtualRobot, slot_specs
+from robotree.vr.author.virtual_robot import RESERVED, Service, VirtualRobot, slot_specs
 from robotree.vr.base.errors import (
     PRIVATE_FOLDER,
     PRIVATE_MODULE,

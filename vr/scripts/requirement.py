@@ -25,8 +25,7 @@ from robotree.vr.base.description import Listing, RobotDescription
 from robotree.vr.base.errors import BrokenScript, RequirementUnreadable
 from robotree.vr.base.group import RobotGroup
 from robotree.vr.base.written import Mark, Scalar
-from robotree.vr.scripts.expression import Atom, Form, Node, form, plain
-from robotree.vr.scripts.formula import COMPARE, FormulaReader
+from robotree.vr.scripts.expression import COMPARE, Atom, Form, FormulaReader, Node, form, plain
 
 NEAR, WITHIN, HAS = "near", "in", "has"
 DEEPEST = 4

@@ -41,8 +41,7 @@ from robotree.vr.scripts.clp import (
     of_group,
     with_template,
 )
-from robotree.vr.scripts.expression import Atom, Form, Node, form, plain, variables
-from robotree.vr.scripts.formula import formula
+from robotree.vr.scripts.expression import Atom, Form, Node, form, formula, plain, variables
 from robotree.vr.scripts.happening import nearest, seconds_of
 from robotree.vr.scripts.program import (
     MESSAGE,

@@ -76,9 +76,8 @@ from robotree.vr.network.group_file import GroupFiles, groups_beside
 from robotree.vr.network.lean_stop import REASON
 from robotree.vr.supervision.operators import Operators
 from robotree.vr.supervision.orders import OrderDesk
-from robotree.vr.supervision.releases import Releases
 from robotree.vr.supervision.showing import shown_agent, shown_held, shown_robot
-from robotree.vr.supervision.stop import EVERYWHERE, OnLate, StopOrder, StopScope
+from robotree.vr.supervision.stop import EVERYWHERE, OnLate, Releases, StopOrder, StopScope
 
 CALLER = "operator"
 """How a supervisor names itself to robots."""

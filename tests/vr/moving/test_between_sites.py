@@ -38,7 +38,7 @@ from robotree.vr.network.policy_file import PolicyFile
 from robotree.vr.running.process import Process
 from robotree.vr.running.runner import Threads
 from tests.vr.bundle.signed import key_of
-from tests.vr.moving.stage import HEADER
+from tests.vr.moving.conftest import HEADER
 from tests.vr.moving.test_moves import LEAF, TOUR
 from tests.vr.policy.test_enforced import rule, text
 from tests.vr.sites.site import MemoryHub, SiteOfTest, hub, sites

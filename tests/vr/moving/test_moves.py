@@ -17,7 +17,7 @@ from robotree.vr.base.requests import MoveDecided, TakeRobot
 from robotree.vr.bundle import Bundle
 from robotree.vr.bundle.admission import Gate
 from robotree.vr.exchange.client import HostClient
-from tests.vr.moving.stage import HEADER, Stage
+from tests.vr.moving.conftest import HEADER, Stage
 
 LEAF = """
 class Leaf(VirtualRobot):

@@ -20,7 +20,7 @@ from robotree.vr.scripts.happening import Happening, order_line
 from robotree.vr.scripts.program import SYSTEM, Program, template_form
 from robotree.vr.scripts.trial import Rehearsal
 from robotree.vr.scripts.when_then import read_yaml
-from tests.vr.scripts.stage import EXAMPLES
+from tests.vr.scripts.conftest import EXAMPLES
 
 # -- which rule fires next: priority, then the order of the script, then the age of the facts ------
 

@@ -21,7 +21,7 @@ from robotree.vr.scripts.known import check_known
 from robotree.vr.scripts.requirement import KnownRobot, requirement
 from robotree.vr.scripts.trial import Rehearsal
 from robotree.vr.scripts.when_then import read_yaml
-from tests.vr.scripts.stage import Charged, Companion, Listed, Stage
+from tests.vr.scripts.conftest import Charged, Companion, Listed, Stage
 from tests.waiting import until
 
 # -- what a robot must be to be chosen, read and judged --------------------------------------------
@@ -184,22 +184,6 @@ async def test_who_needs_a_partner_waits_until_one_fits(listed: Listed) -> None:
     await running
 
 
-@pytest.mark.parametrize(
-    ("partner", "reason"),
-    [
-        ("{kind: Companion, choose: best}", "'best' is no way to choose a partner"),
-        ('{kind: Companion, where: "battery > 3"}', "a partner with a where is chosen"),
-        ('{kind: Companion, choose: free, where: "battery >"}', "something is missing at the end"),
-    ],
-)
-async def test_a_choice_that_cannot_be_made_is_refused_with_its_place(
-    listed: Listed, partner: str, reason: str
-) -> None:
-    with pytest.raises(BrokenScript, match=reason) as refusal:
-        await listed.script(f"script: greet\npartners:\n  robot: {partner}\n", "greet")
-    assert refusal.value.data["line"] == 3
-
-
 # -- a group as a partner: an act goes to each member, each answers, and it ends once --------------
 
 
@@ -342,13 +326,16 @@ async def test_the_partners_are_chosen_among_the_members_of_a_group_of_the_realm
 @pytest.mark.parametrize(
     ("partner", "reason"),
     [
+        ("{kind: Companion, choose: best}", "'best' is no way to choose a partner"),
+        ('{kind: Companion, where: "battery > 3"}', "a partner with a where is chosen"),
+        ('{kind: Companion, choose: free, where: "battery >"}', "something is missing at the end"),
         ("{kind: Companion, group: hall}", "partner robot is of group hall: say how many"),
         ("{kind: Companion, count: 0}", "'0' is no number of robots"),
         ("{kind: Companion, count: many}", "'many' is no number of robots"),
         ("{kind: Companion, count: 2, group: '-'}", "'-'"),
     ],
 )
-async def test_a_group_that_cannot_be_a_partner_is_refused_with_its_place(
+async def test_a_choice_or_a_group_that_cannot_be_a_partner_is_refused_with_its_place(
     stage: Stage, partner: str, reason: str
 ) -> None:
     with pytest.raises(BrokenScript, match=reason) as refusal:

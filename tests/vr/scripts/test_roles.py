@@ -23,7 +23,7 @@ from robotree.vr.base.errors import BrokenScript, BrokenSource, CommandFailed, N
 from robotree.vr.bundle import Bundle
 from robotree.vr.scripts.roles.profile import read_profile, resolve, shipped
 from tests.plant import Machine
-from tests.vr.scripts.stage import Companion, Listed, Stage
+from tests.vr.scripts.conftest import Companion, Listed, Stage
 from tests.vr.scripts.test_script_stories import HEAD
 from tests.waiting import until, wait_until
 

@@ -31,7 +31,7 @@ from robotree.vr.scripts.run import LONGEST
 from robotree.vr.scripts.trial import Rehearsal, read_table
 from robotree.vr.scripts.trial import run as run_trial
 from robotree.vr.scripts.when_then import read_yaml
-from tests.vr.scripts.stage import EXAMPLES, Companion, Stage
+from tests.vr.scripts.conftest import EXAMPLES, Companion, Stage
 
 GUIDE = (EXAMPLES / "guide.yaml").read_text()
 HEAD = "script: small\npartners:\n  robot: Companion\nhears:\n  go: {place: text}\nrules:\n"

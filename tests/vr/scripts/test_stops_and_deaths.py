@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from robotree.vr.base.errors import CommandCancelled, CommandFailed, Stopped
 from robotree.vr.base.requests import State
 from robotree.vr.running.activity import CommandActivity
 from robotree.vr.world.network import MemoryTransport
-from tests.vr.scripts.stage import Stage
+from tests.vr.scripts.conftest import Companion, Stage
 from tests.vr.scripts.test_script_stories import GO, HEAD, led
 
 # -- rules see that a partner is stopped and released, and begin again only then -------------------
@@ -52,13 +54,18 @@ WAITS = (
 )
 
 
+async def send_off(stage: Stage, robot: Companion) -> None:
+    """Have the partner begin to go to the hall, where it does not arrive by itself."""
+    robot.go.clear()
+    await stage.call("guide", "go", place="hall")
+    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
+
+
 async def test_what_was_interrupted_by_a_stop_of_the_partner_begins_again_when_it_is_released(
     stage: Stage,
 ) -> None:
     robot, script, running = await led(stage, WAITS)
-    robot.go.clear()
-    await stage.call("guide", "go", place="hall")
-    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
+    await send_off(stage, robot)
     await stage.client("c1").safe_stop("a child is in the way")
     await stage.until(lambda: "held: a child is in the way" in stage.lines("guide"))
     await stage.until(lambda: not stage.agents["c1"].description().busy)
@@ -133,13 +140,16 @@ def process(stage: Stage, name: str) -> MemoryTransport:
     return transport
 
 
-async def test_rules_that_handle_a_killed_partner_go_on_with_the_next_one(stage: Stage) -> None:
-    robot, script, running = await led(stage, GOES_ON)
-    robot.go.clear()
-    await stage.call("guide", "go", place="hall")
-    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
+async def kill_partner(stage: Stage, script: Any) -> None:
+    """Kill the process of the partner; returns when the script knows it."""
     stage.network.kill(process(stage, "c1"))
     await stage.until(lambda: script.condition == "inactive: needs robot (Companion)", within=2 * TERM)
+
+
+async def test_rules_that_handle_a_killed_partner_go_on_with_the_next_one(stage: Stage) -> None:
+    robot, script, running = await led(stage, GOES_ON)
+    await send_off(stage, robot)
+    await kill_partner(stage, script)
     robot.go.set()
     other = await stage.companion("c2")
     await stage.enslave("guide", "robot", "c2")
@@ -161,9 +171,7 @@ async def test_a_partner_behind_a_cut_cable_obeys_nobody_and_the_script_is_told(
 
 async def test_a_script_whose_host_is_killed_leaves_no_partner_at_work(stage: Stage) -> None:
     robot, _, running = await led(stage)
-    robot.go.clear()
-    await stage.call("guide", "go", place="hall")
-    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
+    await send_off(stage, robot)
     stage.network.kill(process(stage, "guide"))
     await stage.until(lambda: not stage.agents["c1"].description().busy, within=3 * TERM)
     assert robot.done == [], "what it had begun was cancelled"
@@ -180,11 +188,8 @@ async def test_a_partner_whose_process_is_started_anew_in_time_is_bound_again_an
     stage: Stage,
 ) -> None:
     robot, script, running = await led(stage, RETURNS)
-    robot.go.clear()
-    await stage.call("guide", "go", place="hall")
-    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
-    stage.network.kill(process(stage, "c1"))
-    await stage.until(lambda: script.condition == "inactive: needs robot (Companion)", within=2 * TERM)
+    await send_off(stage, robot)
+    await kill_partner(stage, script)
     robot.go.set()
     other = await stage.companion("c1")
     await stage.until(lambda: script.condition == "active" and "it is back" in stage.lines("guide"))
@@ -198,8 +203,7 @@ async def test_a_partner_that_somebody_has_used_since_it_was_started_anew_is_lef
     stage: Stage,
 ) -> None:
     _, script, running = await led(stage, RETURNS)
-    stage.network.kill(process(stage, "c1"))
-    await stage.until(lambda: script.condition == "inactive: needs robot (Companion)", within=2 * TERM)
+    await kill_partner(stage, script)
     agents = stage.agents["guide"]
     stage.network.pause(process(stage, "guide"))
     other = await stage.companion("c1")
@@ -215,8 +219,7 @@ async def test_a_partner_without_a_stated_time_does_not_come_back_as_another_inc
     stage: Stage,
 ) -> None:
     _, script, _ = await led(stage, GOES_ON)
-    stage.network.kill(process(stage, "c1"))
-    await stage.until(lambda: script.condition == "inactive: needs robot (Companion)", within=2 * TERM)
+    await kill_partner(stage, script)
     await stage.companion("c1")
     await stage.until(lambda: not stage.agents["guide"]._children._returning)
     assert script.condition == "inactive: needs robot (Companion)"
@@ -242,9 +245,7 @@ async def test_a_partner_that_hung_for_longer_than_its_lease_is_bound_again_by_t
 
 async def test_a_stopped_script_is_over_and_its_release_starts_nothing(stage: Stage) -> None:
     robot, script, running = await led(stage, GO)
-    robot.go.clear()
-    await stage.call("guide", "go", place="hall")
-    await stage.until(lambda: stage.agents["c1"].description().busy == "go_to")
+    await send_off(stage, robot)
     await stage.client("guide").safe_stop("somebody fell")
     with pytest.raises(CommandCancelled, match="somebody fell"):
         await running

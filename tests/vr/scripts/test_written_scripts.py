@@ -15,7 +15,7 @@ from robotree.vr.scripts.program import TAKEN
 from robotree.vr.scripts.script import Script, read_program
 from robotree.vr.scripts.trial import Rehearsal, read_table, run
 from robotree.vr.scripts.when_then import read_yaml
-from tests.vr.scripts.stage import EXAMPLES
+from tests.vr.scripts.conftest import EXAMPLES
 from tests.vr.scripts.test_script_stories import HEAD as STORY_HEAD
 
 HEAD = (

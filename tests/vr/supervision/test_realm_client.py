@@ -44,7 +44,7 @@ from robotree.vr.lookup.registrar import Registrar
 from robotree.vr.supervision.realm_client import RealmClient, from_the_top
 from robotree.vr.supervision.stop import CONFIRM
 from robotree.vr.world.testing import until
-from tests.vr.supervision.world import Rover, Window, World
+from tests.vr.supervision.conftest import Rover, Window, World
 
 
 async def test_the_thesis_story_by_name(world: World) -> None:

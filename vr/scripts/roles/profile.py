@@ -18,7 +18,7 @@ from importlib.resources import files
 
 import msgspec
 
-from robotree.vr.author.service import expect_lendable
+from robotree.vr.author.virtual_robot import expect_lendable
 from robotree.vr.base.written import Entries, Mark, Scalar, Word, entries, read, value_of, word
 
 KEYS = ("role", "inherits", "doc", "manner", "acts", "words", "limits")
