@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.vr.moving.stage import Stage, played
 
 from robotree.examples.pick_and_place import PickAndPlace
 from robotree.kinds import Arm
@@ -29,6 +28,7 @@ from robotree.vr.exchange.attendance import Attendance
 from robotree.vr.exchange.client import HostClient
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
+from tests.vr.moving.conftest import Stage, played
 
 Workshop = Any
 PAGE = 90
