@@ -474,7 +474,7 @@ def _is_told(ctx: _Context) -> bool:
 async def _ping(ctx: _Context) -> None:
     """Ask a client of an earlier version for signs of life; returns when it does not answer one in time.
 
-    Later versions have no such request: see `peer.py`.
+    Later versions have no such request: see `pipes.py`.
     """
     while _is_told(ctx):
         await asyncio.sleep(PINGS)

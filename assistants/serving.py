@@ -18,7 +18,7 @@ from mcp.server.stdio import stdio_server
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp.server.transport_security import TransportSecuritySettings
 
-from robotree.assistants import peer
+from robotree.assistants import pipes
 from robotree.assistants.catalogue import Catalogue
 from robotree.assistants.keys import AssistantKeys
 from robotree.assistants.pipes import BoundedLines, PatientTexts, own_stdio
@@ -91,14 +91,14 @@ async def over_stdio(floor: Floor, keys: AssistantKeys, key: str) -> None:
         lines: Any = BoundedLines(come, LARGEST, texts)  # the library uses no more of a file
         out: Any = texts
         async with seated(name, floor, proof) as server, stdio_server(lines, out) as (read, write):
-            watching = asyncio.create_task(watch_peer(peer.of_descriptor(come), server.hung_up))
+            watching = asyncio.create_task(watch_peer(pipes.of_descriptor(come), server.hung_up))
             try:
                 await server.server.run(read, write, server.options())
             finally:
                 watching.cancel()
 
 
-async def watch_peer(client: peer.Peer, hung_up: asyncio.Event) -> None:
+async def watch_peer(client: pipes.Peer, hung_up: asyncio.Event) -> None:
     """Have a client count as gone while its process is stopped for long; runs until it is cancelled.
 
     Args:
@@ -147,7 +147,7 @@ async def heard(scope: _Scope, receive: _Receive) -> AsyncGenerator[_Receive]:
     async def watch() -> None:
         await asyncio.sleep(LOOKS)  # most requests are over then
         (_, there), (_, here) = scope["client"], scope["server"]
-        client, stopped = await asyncio.to_thread(peer.of_connection, there, here), asyncio.Event()
+        client, stopped = await asyncio.to_thread(pipes.of_connection, there, here), asyncio.Event()
         watching = asyncio.create_task(watch_peer(client, stopped))
         try:
             await stopped.wait()

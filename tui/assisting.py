@@ -207,8 +207,7 @@ async def twin_of(realm: str, cell: str = "") -> AsyncGenerator[str]:
 async def _save(realm: str, file: Path) -> None:
     """Write what runs in a realm into a file."""
     from robotree.files import replace
-    from robotree.tui.realm_file.controllers import controllers
-    from robotree.tui.realm_file.present import present
+    from robotree.tui.realm_file.present import controllers, present
     from robotree.tui.realm_file.saving import saved
     from robotree.tui.realm_file.writing import write_file
 

@@ -141,6 +141,6 @@ def _start(line: Line) -> int:
     came = program_of(line.verb)(line, realm)
     if isinstance(came, int):
         return came
-    from robotree.tui.processes.to_the_end import to_the_end
+    from robotree.tui.processes.ending import to_the_end
 
     return to_the_end(came)

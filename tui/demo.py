@@ -30,10 +30,9 @@ from robotree.tui.processes.realm import anybody_met, chosen
 from robotree.tui.processes.state_files import DEMOS, state_file
 from robotree.tui.realm_file.applying import Done, bring_about
 from robotree.tui.realm_file.content import NAMELESS, ProcessEntry, RealmFile
-from robotree.tui.realm_file.controllers import Controller
 from robotree.tui.realm_file.pages import pages_of
 from robotree.tui.realm_file.plan import Plan
-from robotree.tui.realm_file.present import ROLES
+from robotree.tui.realm_file.present import ROLES, Controller
 from robotree.tui.realm_file.verbs import read_realm_file
 from robotree.tui.terminal import aside, complain, note, put
 from robotree.tui.wire.security import NOTHING, REALM, key_file

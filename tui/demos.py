@@ -8,8 +8,8 @@ from robotree.tui import demo_companion as names
 from robotree.tui.errors import ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.installed import require
+from robotree.tui.processes.ending import to_the_end
 from robotree.tui.processes.realm import only_looking
-from robotree.tui.processes.to_the_end import to_the_end
 from robotree.tui.supervising import take_calm
 from robotree.tui.terminal import no_screen, note
 from robotree.tui.wire import security

@@ -17,7 +17,7 @@ import pytest
 from mcp.shared.message import SessionMessage
 from mcp_types import jsonrpc_message_adapter
 
-from robotree.assistants import peer, serving
+from robotree.assistants import pipes, serving
 from robotree.assistants import server as servers
 from robotree.assistants.pipes import BoundedLines, PatientTexts
 from robotree.assistants.server import AssistantServer
@@ -90,7 +90,7 @@ async def test_a_client_that_was_stopped_moves_nothing(hall: Hall, monkeypatch: 
     client = holding("import time; time.sleep(600)", go)
     os.close(go)
     server = AssistantServer(hall.seat)
-    watching = asyncio.create_task(watch_peer(peer.of_descriptor(come), server.hung_up))
+    watching = asyncio.create_task(watch_peer(pipes.of_descriptor(come), server.hung_up))
     try:
         async with Wire(server) as wire:
             walk = {"name": "cart-1__walk", "arguments": {"x": 1000.0, "_why": "w"}}
@@ -117,7 +117,7 @@ async def test_who_is_at_the_other_end_of_a_connection_is_known() -> None:
         client = holding(CLIENT, here)
         try:
             end, (_, there) = door.accept()
-            found = peer.of_connection(there, here)
+            found = pipes.of_connection(there, here)
             assert not found.stopped()
             client.send_signal(signal.SIGSTOP)
             await until(found.stopped, "it is stopped")
@@ -127,7 +127,7 @@ async def test_who_is_at_the_other_end_of_a_connection_is_known() -> None:
         finally:
             client.kill()
             client.wait()
-    assert not peer.of_connection(1, 1).stopped()
+    assert not pipes.of_connection(1, 1).stopped()
 
 
 async def test_a_line_without_end_is_not_kept_and_the_next_one_is_read() -> None:

@@ -16,7 +16,7 @@ import pytest
 from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes.programs import end_process, programs
-from robotree.tui.realm_file.controllers import controllers
+from robotree.tui.realm_file.present import controllers
 from tests.command_line import within_realm
 from tests.terminal import ENTER, Person
 

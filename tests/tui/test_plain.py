@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from robotree.tui.plain import Lines, spoken
+from robotree.tui.supervising import Lines, spoken
 from tests.terminal import Person
 from tests.waiting import until
 

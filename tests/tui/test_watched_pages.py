@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from robotree.tui.errors import BadLine
-from robotree.tui.line import grammar, page_files
+from robotree.tui.line import grammar, sources
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.carrying import function_of
@@ -101,8 +101,8 @@ class Author:
 
 @pytest.fixture
 async def author(realm: Realm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Author]:
-    monkeypatch.setattr(page_files, "PERIOD", 0.01)
-    monkeypatch.setattr(page_files, "SETTLE", 0.002)
+    monkeypatch.setattr(sources, "PERIOD", 0.01)
+    monkeypatch.setattr(sources, "SETTLE", 0.002)
     author = Author(realm, tmp_path)
     yield author
     if author.watching is not None:
@@ -207,16 +207,16 @@ async def test_a_page_that_is_just_being_written_after_a_mistake_is_read_when_th
     await author.watch(f"create '{author.page}' as team --watch")
     write(author.page, PAGE.format(word="second").replace("def say(self) -> str:", "def say(self) -> str"))
     await author.told("cannot be loaded: line 7: expected ':' (this host runs Python ")
-    read, halfway = page_files.PageFiles.read, threading.Event()
+    read, halfway = sources.PageFiles.read, threading.Event()
 
-    def while_it_is_written(files: page_files.PageFiles) -> None:
+    def while_it_is_written(files: sources.PageFiles) -> None:
         """The first look at the files was before the editor began; it ends a moment later."""
         if not halfway.is_set():
             author.page.write_text("")
             halfway.set()
         read(files)
 
-    monkeypatch.setattr(page_files.PageFiles, "read", while_it_is_written)
+    monkeypatch.setattr(sources.PageFiles, "read", while_it_is_written)
     await until(halfway.is_set, "the editor has begun")
     write(author.page, PAGE.format(word="right"))
     await author.told("team goes on with")

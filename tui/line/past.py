@@ -1,14 +1,17 @@
-"""The verbs about what robots did: `history` and `why`."""
+"""The verbs about what robots did: `history`, also as spans for OpenTelemetry, and `why`."""
 
 from __future__ import annotations
 
+import importlib
+import io
+import os
 import re
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar, cast
 
-from robotree.tui.errors import ValueRefused
+from robotree.tui.errors import NotInstalled, SupervisorError, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
@@ -19,7 +22,7 @@ if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.history_event import HistoryEvent
     from robotree.vr.base.requests import EventsRead, ReadEvents
     from robotree.vr.history.file import HistoryFile
-    from robotree.vr.supervision.past import Chain, Link
+    from robotree.vr.supervision.past import CallSpan, Chain, Link
     from robotree.vr.supervision.realm_client import RealmClient
 
 Known: TypeAlias = "Mapping[str, CommandSpec]"
@@ -62,11 +65,10 @@ async def history(realm_client: RealmClient, line: Line, teller: Teller) -> Outc
     if not events:
         raise NoHistory(name=name, detail=_nothing(line.text("--since"), kept))
     if line.flag("--otel"):
-        from robotree.tui.line.otel import export
         from robotree.vr.supervision.past import spans_of
 
         spans = spans_of(event for _, event in events)
-        printed = export(spans)
+        printed = export_spans(spans)
         return Outcome(plain(spans), printed or f"{len(spans)} spans are exported")
     if any(read.more for read in kept.answers.values()):
         teller.warn("there are older events; ask with --since, from a later time on")
@@ -403,3 +405,71 @@ def _link_lines(link: Link, over: Link | None, known: Known) -> list[str]:
         line = f", line {call.line} of its page {over.call.page[:12]}" if call.line else ""
         lines.append(f"step {link.step} of {over.call.robot}.{over.call.command}{line}:")
     return lines
+
+
+# -- spans for OpenTelemetry, if its SDK is installed: to a collector, else as JSON ----------------
+
+ENDPOINT = ("OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT")
+"""Variables that name a collector, as OpenTelemetry's specification says; one of them is enough."""
+
+
+class NotExported(SupervisorError):
+    """The collector has not taken the spans."""
+
+    def __init__(self) -> None:
+        """Say where to look."""
+        super().__init__(f"the collector that {ENDPOINT[1]} names did not take the spans; does it run?")
+
+
+def _module(name: str, package: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise NotInstalled("history --otel", package, f"pip install {package}") from None
+
+
+def export_spans(spans: Sequence[CallSpan]) -> str:
+    """Send spans to the collector that the environment names; without one return them as JSON.
+
+    Raises:
+        NotInstalled: OpenTelemetry's SDK is not there, or its exporter for collectors.
+        NotExported: the collector did not take them.
+    """
+    sdk = _module("opentelemetry.sdk.trace", "opentelemetry-sdk")
+    ready = [_readable(span) for span in spans]
+    output = io.StringIO()
+    if any(os.environ.get(name) for name in ENDPOINT):
+        name = "opentelemetry.exporter.otlp.proto.http.trace_exporter"
+        package = "opentelemetry-exporter-otlp-proto-http"
+        exporter = _module(name, package).OTLPSpanExporter()
+    else:
+        exporter = importlib.import_module(f"{sdk.__name__}.export").ConsoleSpanExporter(out=output)
+    result = exporter.export(ready)
+    exporter.shutdown()
+    if result.name != "SUCCESS":
+        raise NotExported
+    return output.getvalue().strip()
+
+
+def _readable(span: CallSpan) -> Any:
+    """Return a span as the SDK has it."""
+    sdk = importlib.import_module("opentelemetry.sdk.trace")
+    api = importlib.import_module("opentelemetry.trace")
+    resources = importlib.import_module("opentelemetry.sdk.resources")
+
+    def context(number: int) -> Any:
+        flags = api.TraceFlags(api.TraceFlags.SAMPLED)
+        return api.SpanContext(span.trace, number, is_remote=False, trace_flags=flags)
+
+    code = api.StatusCode.ERROR if span.error else api.StatusCode.OK
+    return sdk.ReadableSpan(
+        span.name,
+        context=context(span.span),
+        parent=context(span.parent) if span.parent else None,
+        resource=resources.Resource({"service.name": "robotree"}),
+        attributes=span.attributes,
+        kind=api.SpanKind.SERVER,
+        status=api.Status(code, span.error or None),
+        start_time=span.begin,
+        end_time=span.end,
+    )

@@ -1,4 +1,4 @@
-"""The verbs about permits: what assistants ask people for, and the answers."""
+"""The verbs about what waits for a person: permits that assistants ask for, and questions of scripts."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome, Teller, plain
+from robotree.tui.seen.asked import questions_of
 
 if TYPE_CHECKING:  # help must not wait for the agents
     from robotree.vr.base.errors import Denied
@@ -141,3 +142,17 @@ def _since(permit: Permit, now: float) -> str:
     if permit.state == "waits" and not permit.expired(now):
         return f" since {max(0.0, now - permit.asked):.0f} s, for {(permit.until() - now) / 60:.0f} min more"
     return f", asked at {time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(permit.asked))}"
+
+
+# -- questions of scripts and of interrupted commands ----------------------------------------------
+
+
+async def questions(realm_client: RealmClient, _line: Line, _teller: Teller) -> Outcome:
+    """List what is asked, with how it is answered."""
+    found = [each for robot in await realm_client.tree() for each in questions_of(robot)]
+    lines = [f"{one.robot}: {one.text}\n  robotree decide {one.robot} {one.how}" for one in found]
+    data: list[dict[str, Any]] = [
+        {"robot": one.robot, "question": one.text, "id": one.id, "answers": list(one.answers)}
+        for one in found
+    ]
+    return Outcome(data, "\n".join(lines) or "nobody asks anything")

@@ -19,7 +19,7 @@ from robotree.tui.line import taken
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.verbs import Outcome
-from robotree.tui.processes.to_the_end import to_the_end
+from robotree.tui.processes.ending import to_the_end
 from robotree.tui.seen.wording import without_seconds
 from robotree.tui.terminal import complain, note, over, put, put_data, typed
 

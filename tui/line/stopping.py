@@ -17,9 +17,9 @@ from robotree.tui.line import away
 from robotree.tui.line.grammar import Line
 from robotree.tui.line.shell import Console, once
 from robotree.tui.line.verbs import HeldOrders, Outcome, held_away, hold, stopped
+from robotree.tui.processes.ending import to_the_end
 from robotree.tui.processes.realm import nothing_to_ask, visited
 from robotree.tui.processes.state_files import KEYS
-from robotree.tui.processes.to_the_end import to_the_end
 from robotree.tui.terminal import complain, error_data, note
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import sitting_at, this_terminal

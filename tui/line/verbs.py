@@ -24,7 +24,7 @@ from robotree.vr.base.readable import quantity
 if TYPE_CHECKING:  # help must not wait for the agents
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from robotree.tui.line.page_files import PageFiles
+    from robotree.tui.line.sources import PageFiles
     from robotree.tui.seen.store import Weight
     from robotree.vr.base.address import Role
     from robotree.vr.base.description import FieldSpec, Listing, RobotDescription
@@ -645,7 +645,7 @@ def _name_is_kept(robot: RobotDescription) -> ValueRefused:
 
 
 def _own_host(realm_client: RealmClient, robot: str, host: str) -> AbstractAsyncContextManager[str]:
-    from robotree.tui.processes.own_host import own_host
+    from robotree.tui.processes.detached import own_host
     from robotree.vr.base.address import check_name
     from robotree.vr.base.errors import DuplicateName
 
@@ -795,7 +795,7 @@ def _reloaded(name: str, done: Reloaded) -> Outcome:
 
 
 def _files_of(path: str, wanted: str) -> PageFiles:
-    from robotree.tui.line.page_files import PageFiles
+    from robotree.tui.line.sources import PageFiles
 
     return PageFiles(path, wanted)
 

@@ -1,14 +1,20 @@
-"""A process of robotree that is started here and outlives this one; what it says is kept in a log."""
+"""A process of robotree that is started here and outlives this one; what it says is kept in a log.
+
+A host for one robot alone is one: so a page that holds the interpreter, or crashes it, takes no other robot
+with it. Such a host ends when its robot is deleted, or when none has come within a minute.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import os
 import select
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -77,3 +83,26 @@ def _address(process: subprocess.Popen[bytes]) -> str | None:
                 return None
             said += piece
     return said.decode(errors="replace").partition("\n")[0].partition(" ")[2]
+
+
+@contextlib.asynccontextmanager
+async def own_host(realm: str, robot: str) -> AsyncGenerator[str]:
+    """Start a host for a robot that is made in this block; if it is not, the host ends.
+
+    Args:
+        realm: in which it lives.
+        robot: name of the robot.
+
+    Yields:
+        The host's name.
+
+    Raises:
+        MemberFailed: it did not come up.
+    """
+    name = f"{robot}-host"
+    started = await asyncio.to_thread(start_detached, realm, name, ("host", name, "--only", robot))
+    try:
+        yield name
+    except BaseException:
+        started.process.terminate()
+        raise

@@ -18,9 +18,8 @@ from robotree.tui.line.carrying import Refusal, Silent, carry_out
 from robotree.tui.line.grammar import Line
 from robotree.tui.processes.programs import KEY_VARIABLE, end_process
 from robotree.tui.realm_file.content import CONTROLLER, KEYWORDS, NAMELESS, ProcessEntry, RealmFile, placed
-from robotree.tui.realm_file.controllers import Controller
 from robotree.tui.realm_file.plan import Page, Plan, Step, plan
-from robotree.tui.realm_file.present import ROLES, present
+from robotree.tui.realm_file.present import ROLES, Controller, present
 from robotree.vr.base.errors import SlotEmpty, VrError
 
 if TYPE_CHECKING:

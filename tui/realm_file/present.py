@@ -1,4 +1,8 @@
-"""The running realm: its robots as they describe themselves, its processes as the kernel knows them."""
+"""The running realm: its robots as they describe themselves, its processes as the kernel knows them.
+
+The simulated controllers that `apply` has started are in no realm, so nobody else knows them: they are kept
+in a file.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +14,67 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from robotree import files
 from robotree.tui.errors import SupervisorError
 from robotree.tui.line import manual
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.programs import Program, programs
-from robotree.tui.processes.state_files import kept_hosts
-from robotree.tui.realm_file.content import SECTIONS
-from robotree.tui.realm_file.controllers import Controller
+from robotree.tui.processes.programs import Program, program_of, programs
+from robotree.tui.processes.state_files import kept_hosts, state_file
+from robotree.tui.realm_file.content import NAMELESS, SECTIONS
 from robotree.vr.base.errors import VrError
 from robotree.vr.base.group import RobotGroup
+from robotree.vr.network.realms import state_home
 
 if TYPE_CHECKING:
     from robotree.vr.base.address import Role
     from robotree.vr.base.description import RobotDescription
     from robotree.vr.supervision.realm_client import RealmClient
+
+
+# -- simulated controllers -------------------------------------------------------------------------
+
+CONTROLLERS_FILE = "controllers.json"
+"""In `$XDG_STATE_HOME/robotree/REALM`."""
+LARGEST = 1_000_000
+"""[bytes] of that file that are read."""
+
+
+class Controller(msgspec.Struct, frozen=True):
+    """One of them."""
+
+    pid: int
+    address: str
+    """Where it listens."""
+
+
+def controllers(realm: str) -> dict[str, Controller]:
+    """Return those of a realm that live, by their names in its file."""
+    return {name: one for name, one in _kept(state_home() / realm / CONTROLLERS_FILE).items() if _lives(one)}
+
+
+def keep_controller(realm: str, name: str, controller: Controller | None) -> None:
+    """Remember that one was started, or that it was ended (None)."""
+    path = state_file(realm, CONTROLLERS_FILE)
+    if path is None:
+        return
+    known = controllers(realm)
+    known.pop(name, None)
+    if controller is not None:
+        known[name] = controller
+    files.overwrite(path, msgspec.json.encode(known))
+
+
+def _kept(path: Path) -> dict[str, Controller]:
+    try:
+        return msgspec.json.decode(files.read(path, LARGEST), type=dict[str, Controller])
+    except (OSError, msgspec.DecodeError):
+        return {}
+
+
+def _lives(controller: Controller) -> bool:
+    program = program_of(controller.pid)
+    return program is not None and program.words[:1] == (NAMELESS,)
+
 
 ROLES: Mapping[str, Role] = {
     "proxy": "robot",

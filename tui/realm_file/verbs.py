@@ -26,10 +26,9 @@ from robotree.tui.processes.restarting import StartedLine, note_started
 from robotree.tui.processes.state_files import kept_hosts
 from robotree.tui.realm_file.applying import Done, bring_about
 from robotree.tui.realm_file.content import NAMELESS, ProcessEntry, RealmFile
-from robotree.tui.realm_file.controllers import Controller, controllers, keep
 from robotree.tui.realm_file.pages import pages_of
 from robotree.tui.realm_file.plan import Plan, plan
-from robotree.tui.realm_file.present import Present, present
+from robotree.tui.realm_file.present import Controller, Present, controllers, keep_controller, present
 from robotree.tui.realm_file.reading import Kinds, read_file
 from robotree.tui.realm_file.saving import saved
 from robotree.tui.realm_file.writing import write_file
@@ -59,7 +58,7 @@ class Detached:
         line = StartedLine(list(words), dict(environment))
         await asyncio.to_thread(note_started, self._realm, entry.verb, entry.name, line)
         if entry.verb == NAMELESS:
-            keep(self._realm, entry.name, Controller(started.process.pid, started.address))
+            keep_controller(self._realm, entry.name, Controller(started.process.pid, started.address))
         return started.address
 
 

@@ -13,7 +13,7 @@ from robotree.tui import exit_codes
 from robotree.tui.errors import BadRecordedRealm, ValueRefused
 from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
-from robotree.tui.recording import comparing, replayed, report, summary, tape
+from robotree.tui.recording import comparing, replayed, summary, tape
 from robotree.tui.terminal import answer
 
 LARGEST = 4_000_000_000
@@ -65,7 +65,7 @@ def report_of(line: Line, _realm: str) -> int:
     """Write a recording as Markdown with pictures."""
     found = opened(line.text("FILE"))
     out = _new(Path(line.text("OUT") or Path(found.name).with_suffix(".md").name))
-    folder, count = report.write(found, out)
+    folder, count = summary.write_report(found, out)
     text = f"{out}, and {count} pictures in {folder}" if count else str(out)
     answer(text, lambda: {"file": str(out), "pictures": count})
     return exit_codes.DONE

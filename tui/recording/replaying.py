@@ -21,7 +21,7 @@ from robotree.tui.line import values
 from robotree.tui.line.action import spell
 from robotree.tui.line.actions import BY_VERB
 from robotree.tui.line.grammar import Line
-from robotree.tui.processes.to_the_end import to_the_end
+from robotree.tui.processes.ending import to_the_end
 from robotree.tui.recording.comparing import Beside
 from robotree.tui.recording.exports import opened, within
 from robotree.tui.recording.playback import Playback

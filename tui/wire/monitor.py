@@ -23,9 +23,9 @@ from robotree.tui.line import values
 from robotree.tui.line.grammar import Line
 from robotree.tui.seen.wording import columns
 from robotree.tui.terminal import clear, put
-from robotree.tui.wire.decode import fields
 from robotree.tui.wire.identity import COMPONENT, SYSTEM
 from robotree.tui.wire.lasting import Lasting, lasting
+from robotree.tui.wire.record import fields
 from robotree.tui.wire.security import securing
 
 PERIOD = 1.0

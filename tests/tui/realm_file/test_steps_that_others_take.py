@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from robotree.tui.realm_file.applying import bring_about
 from robotree.tui.realm_file.content import ProcessEntry
-from robotree.tui.realm_file.controllers import Controller
 from robotree.tui.realm_file.pages import pages_of
 from robotree.tui.realm_file.plan import Plan
+from robotree.tui.realm_file.present import Controller
 from robotree.tui.realm_file.reading import read_file
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from robotree.protocol import encode
 from robotree.protocol.messages import NamedValueFloat
 from robotree.protocol.tools.capture.mcap import LARGEST_RECORD, McapWriter
 from robotree.tui.errors import BadRecordedRealm
-from robotree.tui.recording import replayed, report, summary, tape
+from robotree.tui.recording import replayed, summary, tape
 from robotree.tui.recording.tape import (
     Entry,
     RecordedEnd,
@@ -153,7 +153,7 @@ def test_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_report_escapes_what_robots_say() -> None:
-    head = report.head(read(WHOLE))
+    head = summary.head(read(WHOLE))
     assert r"go\_to \| is \`too\` far \[x\]" in head
     assert "| arm-1.z | 0 | 0.2 | m |" in head
 
@@ -185,7 +185,7 @@ def test_a_forged_recording_adds_no_line_to_a_script_and_names_no_file_elsewhere
         if not line.startswith(("#", "sleep"))
     ]
     assert asked == ["call arm-1.say text=fine"]
-    folder, count = report.write(found, tmp_path / "it.md")
+    folder, count = summary.write(found, tmp_path / "it.md")
     assert count == 1
     assert [path.name for path in folder.iterdir()] == ["001-cell-------evil--x.jpg"]
 

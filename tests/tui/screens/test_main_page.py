@@ -10,7 +10,7 @@ import pytest
 from textual.containers import VerticalScroll
 from textual.widgets import Button, DirectoryTree, Input
 
-from robotree.tui.diagnosis.permits import permits
+from robotree.tui.diagnosis.agents import permits
 from robotree.tui.screen.app import words_of
 from robotree.tui.screen.pages.dialogs import Confirm, Reading
 from robotree.tui.screen.pages.enslave import EnslaveDialog

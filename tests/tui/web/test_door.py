@@ -9,9 +9,8 @@ import pytest
 
 from robotree.tui.errors import NotInstalled, ValueRefused
 from robotree.tui.line.grammar import Line
-from robotree.tui.web.assets import assets, handed_over
 from robotree.tui.web.door import Door, origin_of
-from robotree.tui.web.serving import door_of
+from robotree.tui.web.serving import assets, door_of, handed_over
 from robotree.tui.web.session import LARGEST, SMALLEST, message_of, size_of
 
 DOOR = Door("to-command", "to-watch", origins=frozenset({"https://robots.example"}))

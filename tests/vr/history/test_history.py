@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from robotree.tui.errors import NotInstalled
-from robotree.tui.line.otel import export
+from robotree.tui.line.past import export_spans
 from robotree.vr.base.address import Address
 from robotree.vr.base.errors import HistoryUnusable
 from robotree.vr.base.history_event import HistoryEvent
@@ -388,4 +388,4 @@ def test_without_the_sdk_one_sentence_says_how_to_install_it(monkeypatch: pytest
     monkeypatch.setitem(sys.modules, "opentelemetry.sdk.trace", None)
     spans: list[CallSpan] = []
     with pytest.raises(NotInstalled, match="pip install opentelemetry-sdk"):
-        export(spans)
+        export_spans(spans)

@@ -8,13 +8,9 @@ from __future__ import annotations
 
 from robotree.tui.line.action import Action, Where
 from robotree.tui.line.actions import (
-    alarms,
-    assistants,
     commanding,
-    going,
     looking,
     operators,
-    orders,
     pages,
     policies,
     processes,
@@ -24,15 +20,14 @@ from robotree.tui.line.actions import (
     scripts,
     sessions,
     shaping,
-    sites,
     wire,
 )
 from robotree.tui.line.grammar import Shape
 
 ACTIONS: tuple[Action, ...] = (
-    *looking.VERBS, *alarms.VERBS, *recordings.VERBS, *pages.VERBS, *shaping.VERBS, *commanding.VERBS,
-    *going.VERBS, *orders.VERBS, *operators.VERBS, *scripts.VERBS, *screens.VERBS, *sessions.VERBS,
-    *processes.VERBS, *sites.VERBS, *policies.VERBS, *assistants.VERBS, *wire.VERBS, *screen.VERBS,
+    *looking.VERBS, *recordings.VERBS, *pages.VERBS, *shaping.VERBS, *commanding.VERBS,
+    *operators.VERBS, *scripts.VERBS, *screens.VERBS, *sessions.VERBS,
+    *processes.VERBS, *policies.VERBS, *wire.VERBS, *screen.VERBS,
 )  # fmt: skip
 BY_VERB = {action.verb: action for action in ACTIONS}
 

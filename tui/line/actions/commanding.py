@@ -1,10 +1,10 @@
-"""Commands of robots, and how they are held, answered and stopped."""
+"""Commands of robots, how they are held, answered and stopped; places; orders for who is away or busy."""
 
 from __future__ import annotations
 
 from functools import partial
 
-from robotree.tui.line.action import ANYWHERE, COMMAND, About, Action, Scope
+from robotree.tui.line.action import ANYWHERE, COMMAND, LOOK, About, Action, Scope, Where
 
 line = partial(Action, group=COMMAND)
 of_robot = partial(Action, group=COMMAND, where=ANYWHERE, about=About.ROBOT)
@@ -73,7 +73,7 @@ VERBS = (
     line(
         "questions",
         "List what scripts ask people, and commands that ask after a crash, with their answers.",
-        run="line.questions:questions",
+        run="line.permits:questions",
         right="see",
         examples=("questions", "questions --json"),
     ),
@@ -111,5 +111,103 @@ VERBS = (
         danger=True,
         examples=("resume",),
         alters=True,
+    ),
+    of_robot(
+        "go ROBOT PLACE|COORDINATE=VALUE … [--preview] [--within TIME]",
+        "Send a robot to a named place, `@shelf`, or to a point, x=0.3 y=0.1 z=0.2; what is not given"
+        " stays as it is. The robot is asked first whether it would; --preview: only that, nothing moves.",
+        run="line.going:go",
+        right="command",
+        key="G",
+        alters=True,
+        examples=("go arm-1 @shelf --preview", "go arm-1 @shelf", "go rover-1 x=0.5 y='-20 cm'"),
+        guide=("robotree.tui.line.going",),
+    ),
+    Action(
+        "places [ROBOT]",
+        "List the named places, or those that a robot can be sent to.",
+        group=LOOK,
+        run="line.going:places",
+        right="see",
+        examples=("places", "places arm-1 --json"),
+    ),
+    of_robot(
+        "places add NEW of ROBOT [COORDINATE=VALUE …]",
+        "Name the point where a robot is now, or x, y, z, twist, heading in its frame. `@NEW` then"
+        " stands for it wherever a command asks for a pose: `call arm-1.go_to @shelf`.",
+        run="line.going:places_add",
+        right="command",
+        key="K",
+        alters=True,
+        examples=("places add shelf of arm-1", "places add dock of rover-1 x=0 y=0"),
+        guide=("robotree.tui.line.going",),
+    ),
+    Action(
+        "places remove PLACE",
+        "Forget a named place.",
+        group=COMMAND,
+        run="line.going:places_remove",
+        alters=True,
+        examples=("places remove shelf",),
+    ),
+    Action(
+        "orders [NAME] [--mine] [--all]",
+        "List what is left for robots that are away or busy, and the results that wait. NAME: for one"
+        " robot. --mine: only yours. --all: those, too, whose results have been taken.",
+        group=COMMAND,
+        where=ANYWHERE,
+        run="line.ordering:orders",
+        right="see",
+        key="A",
+        examples=("orders", "orders rover-1 --mine --json"),
+    ),
+    line(
+        "order show TICKET",
+        "Show one order: its arguments, its state, who has a copy of it.",
+        run="line.ordering:order_show",
+        right="see",
+        examples=("order show 3fa2",),
+    ),
+    line(
+        "order cancel TICKET",
+        "End an order, also one that its robot carries out; names the directories that have not"
+        " confirmed it.",
+        run="line.ordering:order_cancel",
+        right="order",
+        examples=("order cancel 3fa2",),
+        alters=True,
+    ),
+    line(
+        "order confirm TICKET",
+        "Let an order begin though its robot asks: somebody has commanded it since.",
+        run="line.ordering:order_confirm",
+        right="order",
+        examples=("order confirm 3fa2",),
+        alters=True,
+    ),
+    line(
+        "order settle TICKET OUTCOME",
+        "Say what became of an order in doubt, after a look at the robot: OUTCOME is done or undone.",
+        run="line.ordering:order_settle",
+        right="order",
+        examples=("order settle 3fa2 undone",),
+        alters=True,
+    ),
+    line(
+        "inbox [--keep]",
+        "Print the results of your orders, and take them out of the inbox; --keep: leave them there.",
+        run="line.ordering:inbox",
+        examples=("inbox", "inbox --keep --json"),
+    ),
+    Action(
+        "take NAME … [--as DEVICE]",
+        "Put what is known of robots onto this machine: without any network `call --queue`, `orders`,"
+        " `order show`, `order cancel`, `show` and `ls` work then, and orders are left at the next contact."
+        " DEVICE: a name of this machine, whose orders have an inbox of their own.",
+        group=COMMAND,
+        where=Where.SHELL,
+        run="line.taken:take",
+        right="order",
+        examples=("take rover-1 arm-1", "take rover-1 --as notebook"),
     ),
 )

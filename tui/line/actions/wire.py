@@ -12,7 +12,7 @@ VERBS = (
     shell(
         "wire decode FILE [--as FORMAT] [--xml DIALECT]",
         "Print the MAVLink frames in a recording, a candump log or raw bytes (- for standard input).",
-        start="wire.decode:decode",
+        start="wire.record:decode",
         examples=("wire decode flight.tlog", "wire decode - --json"),
     ),
     shell(
@@ -91,7 +91,7 @@ VERBS = (
         "wire key FILE [--links PATTERN] [--passphrase] [--of CONTROLLER]",
         "Make a file with a signing key for --key FILE, or for $ROBOTREE_KEY."
         " --of: print the key that one controller, named by its address, gets from a file (or `realm`).",
-        start="wire.key:key",
+        start="wire.security:key",
         examples=(
             "wire key cell.key",
             "wire key cell.key --links 'tcp:127.0.0.1:*' --passphrase",
