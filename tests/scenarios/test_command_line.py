@@ -177,7 +177,7 @@ def test_no_verb_over_a_realm_is_left_out() -> None:
     proved |= {"questions"}  # of scripts: tests/tui/screens/test_questions.py
     proved |= {"alarms watch"}  # tests/tui/test_alarms_without_a_screen.py
     proved |= {"compose"}  # tests/tui/composing
-    proved |= {"restart"}  # of what has gone: tests/tui/test_restarting.py
+    proved |= {"restart"}  # of what has gone: tests/tui/test_readiness.py
     proved |= {"foxglove"}  # tests/scenarios/test_trials.py
     proved |= {"who", "say"} | {
         f"control {how}" for how in ("get", "ask", "offer", "take", "leave")

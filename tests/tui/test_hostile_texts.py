@@ -1,4 +1,4 @@
-"""Texts of a hostile robot are shown; they do not control the terminal of the reader."""
+"""Texts from afar: they do not control the terminal of the reader, and take exactly their cells."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
 
 from robotree.tui.line.action import Where
 from robotree.tui.line.actions import shapes
 from robotree.tui.line.grammar import parse
 from robotree.tui.line.shell import Console, obey
 from robotree.tui.screen.app import ControlFilter
+from robotree.tui.seen.cells import clip, fit, seen
 from robotree.tui.terminal import STEERING, harmless
 
 if TYPE_CHECKING:
@@ -76,3 +80,31 @@ def test_taking_away_what_steers_moves_nothing(hostile: Hostile) -> None:
     assert shown[0] == line[0]
     assert shown[1].style == Style(bold=True)
     assert sum(cell_len(one.text) for one in shown) == sum(cell_len(one.text) for one in line)
+
+
+# -- text in a fixed number of cells, whatever comes from afar -------------------------------------
+
+NAMES = st.one_of(
+    st.text(),
+    st.text("aß界👩\u200d🚀\u0301\u202e\x1b[]\n\t \x9b"),
+    st.sampled_from(["机器人" * 9, "[/x]", ""]),
+)
+
+
+@given(text=NAMES, room=st.integers(0, 60))
+def test_a_text_takes_exactly_its_cells(text: str, room: int) -> None:
+    assert cell_len(fit(text, room)) == room
+    assert cell_len(clip(text, room)) <= room
+
+
+@given(text=NAMES, room=st.integers(1, 60))
+def test_what_was_cut_says_so_and_what_fits_is_whole(text: str, room: int) -> None:
+    shown = clip(text, room)
+    whole = cell_len(seen(text)) <= room
+    assert (shown == seen(text)) if whole else shown.endswith("…")
+
+
+@given(text=NAMES)
+def test_nothing_steers_and_nothing_breaks_a_line(text: str) -> None:
+    assert not STEERING.search(seen(text))
+    assert "\n" not in seen(text)

@@ -1,4 +1,4 @@
-"""Readings in groups: decimals by unit, angles in degrees, an age only when it matters."""
+"""Readings in groups, and long rows of tables: each figure and word stands where it is looked for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from rich.text import Span, Text
 
-from robotree.tui.screen.hanging import TIE, broken
+from robotree.tui.screen.hanging import TIE, broken, hanging
 from robotree.tui.seen import instruments
 from robotree.tui.seen.instruments import BARS, HALF, bar, bars, figure, groups
 from robotree.vr.base.readable import DECIMALS, OTHER
@@ -126,3 +126,43 @@ def test_a_figure_stays_with_its_name_and_its_unit_where_a_line_ends() -> None:
 
 def test_a_gap_of_nothing_has_no_sign() -> None:
     assert lines({"width": -0.0003}) == ["grip 0 mm"]
+
+
+# -- a long row of a table goes on below its last column -------------------------------------------
+
+CONSOLE = Console(width=200)
+
+
+def hung(text: Text | str, width: int) -> list[str]:
+    return hanging(Text(text) if isinstance(text, str) else text, width, CONSOLE).plain.split("\n")
+
+
+def test_the_last_column_goes_on_below_itself() -> None:
+    table = "arm-1  free  An arm that goes to points, gripper down.\n  R    Resume.\n\nend"
+    assert hung(table, 40) == [
+        "arm-1  free  An arm that goes to points,",
+        "             gripper down.",
+        "  R    Resume.",
+        "",
+        "end",
+    ]
+
+
+def test_a_column_that_would_be_too_narrow_begins_on_the_left_again() -> None:
+    line = f"{'x' * 30}  {'word ' * 6}".rstrip()
+    assert hung(line, 40) == [line], "it is left to be hung by the widget"
+
+
+def test_styles_stay_with_their_words() -> None:
+    text = Text.assemble(("  key  ", "bold"), ("one two three four five six seven", "red"))
+    made = hanging(text, 32, CONSOLE)
+    assert made.plain == "  key  one two three four five\n       six seven"
+    assert Span(0, 7, "bold") in made.spans
+    assert " ".join(
+        made.plain[span.start : span.end] for span in made.spans if span.style == "red"
+    ).split() == (["one", "two", "three", "four", "five", "six", "seven"])
+
+
+@given(text=st.text("ab \n", max_size=60), width=st.integers(25, 60))
+def test_no_word_is_lost(text: str, width: int) -> None:
+    assert "\n".join(hung(text, width)).split() == text.split()

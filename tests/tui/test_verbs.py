@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING
 import pytest
 from PIL import Image
 
+from robotree.tui import exit_codes
 from robotree.tui.errors import SomeSilent, ValueRefused
 from robotree.tui.exit_codes import NOBODY, code_of
 from robotree.tui.line import grammar
 from robotree.tui.line.action import SCREEN, Where
 from robotree.tui.line.actions import ACTIONS, shapes
 from robotree.tui.line.carrying import function_of, program_of
+from robotree.tui.line.grammar import parse
+from robotree.tui.line.shell import Console, obey
 from robotree.tui.line.sources import shipped
 from robotree.tui.line.verbs import Outcome
+from robotree.tui.terminal import answering
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import RobotDescription
 from robotree.vr.base.envelope import sitting_at
@@ -43,6 +47,7 @@ from robotree.vr.base.presence import Held
 from robotree.vr.lookup.chronicle import Chronicle
 from robotree.vr.orders.service import DirectoryService
 from robotree.vr.orders.store import OrderStore
+from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
 
 if TYPE_CHECKING:
@@ -442,7 +447,7 @@ async def test_what_cannot_be_done_is_refused_in_one_sentence_and_loses_nothing(
     realm.arm.calls.clear()
     paths = {
         "readme": EXAMPLES.parent / "README.md",
-        "conftest": Path(__file__).with_name("test_values.py"),
+        "conftest": Path(__file__).with_name("test_status.py"),
         "move_to": EXAMPLES / "move_to.py",
     }
     for text, error, says in REFUSED:
@@ -540,3 +545,55 @@ async def test_how_long_control_lasts_is_told_in_words_of_people(realm: Realm) -
     for given, told in (("45s", "45 s"), ("90min", "90 min"), ("1h", "1 h")):
         with sitting_at("pts/3"):
             assert (await do(realm, f"control get arm-1 --for {given}")).text.endswith(f" for {told}")
+
+
+# -- lists without a lookup service: known robots are shown, marked as possibly old ----------------
+
+
+async def newcomer(realm: Realm) -> RealmClient:
+    """A realm client that came after the last lookup service had gone: nobody ever told it a list."""
+    await realm.create("move_to.py", "mover")
+    await realm.realm_client.enslave("mover", "arm", "arm-1")
+    realm.network.kill(realm.members["lookup-1"])
+    await until(lambda: realm.realm_client.stale, "the lookup service has gone")
+    realm_client = RealmClient(realm.network.join("newcomer"))
+    await realm_client.start()
+    return realm_client
+
+
+@pytest.mark.parametrize("words", [["ls"], ["ls", "--views"]])
+async def test_without_a_lookup_service_what_is_known_is_listed_as_stale(
+    words: list[str], realm: Realm, capsys: pytest.CaptureFixture[str]
+) -> None:
+    realm_client = await newcomer(realm)
+    line = parse(words, shapes(Where.SHELL), {})
+    assert await obey(realm_client, line, Console(as_json=False)) == exit_codes.NOBODY
+    people = capsys.readouterr()
+    assert "no lookup service answers; this list may be old" in people.err
+    listed = [row.split()[0] for row in people.out.splitlines()]
+    assert listed == (["NAME", "cell"] if "--views" in words else ["NAME", "mover", "rover-1"])
+    assert all("stale" in row for row in people.out.splitlines()[1:])
+
+    with answering(as_json=True):
+        assert await obey(realm_client, line, Console(as_json=True)) == exit_codes.NOBODY
+    programs = capsys.readouterr()
+    data = json.loads(programs.out)
+    assert data
+    assert all(one["stale"] is True for one in data)
+    assert json.loads(programs.err)["error"] == "OldList"
+    await realm_client.close()
+
+
+async def test_who_saw_the_last_lookup_service_go_still_knows_its_list_which_was_not_in_doubt(
+    realm: Realm, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = parse(["ls"], shapes(Where.SHELL), {})
+    assert await obey(realm.realm_client, line, Console(as_json=False)) == exit_codes.DONE
+    said = capsys.readouterr()
+    assert "stale" not in said.out
+    assert said.err == ""
+    realm.network.kill(realm.members["lookup-1"])
+    await until(lambda: realm.realm_client.stale, "the lookup service has gone")
+    assert await obey(realm.realm_client, line, Console(as_json=False)) == exit_codes.NOBODY
+    rows = capsys.readouterr().out.splitlines()
+    assert [row.split()[0] for row in rows] == ["NAME", "arm-1", "rover-1"]

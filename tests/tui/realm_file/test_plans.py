@@ -1,19 +1,30 @@
-"""What a plan does with robots that already stand somewhere, and in which order."""
+"""What a plan does with robots that already stand somewhere, in which order, and what `save` says."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
 
 import msgspec
 import pytest
 
 from robotree.tui.errors import BadRealmFile
+from robotree.tui.line import manual
+from robotree.tui.processes.programs import Program
+from robotree.tui.realm_file import saving
+from robotree.tui.realm_file.applying import bring_about
+from robotree.tui.realm_file.content import ProcessEntry
+from robotree.tui.realm_file.pages import pages_of
 from robotree.tui.realm_file.plan import Page, Plan, plan
-from robotree.tui.realm_file.present import Present
+from robotree.tui.realm_file.present import Controller, Present, Process
 from robotree.tui.realm_file.reading import read_file
 from robotree.vr.base.address import Address
 from robotree.vr.base.description import BondSpec, RobotDescription, SlotSpec
 from robotree.vr.base.group import RobotGroup
+
+if TYPE_CHECKING:
+    from tui.conftest import Realm
 
 PAGE = Page("/pages/a.py", "0123456789")
 
@@ -251,3 +262,104 @@ def test_groups_of_the_file_are_made_and_changed_and_others_go_only_when_pruned(
 def test_a_group_that_cannot_be_is_told_with_its_line(text: str, why: str) -> None:
     with pytest.raises(BadRealmFile, match=why):
         read_file(text, "cell.yaml")
+
+
+# -- `save` says what a file of a realm cannot bring about again -----------------------------------
+
+
+@pytest.mark.parametrize(
+    ("address", "by_chance"),
+    [
+        ("tcp:127.0.0.1:40000", True),
+        ("tcp:localhost:59999", True),
+        ("tcp:[::1]:32768", True),
+        ("tcp:127.0.0.1:5760", False),
+        ("tcp:192.168.1.20:40000", False),
+        ("serial:/dev/ttyUSB0?baud=40000", False),
+    ],
+)
+def test_a_port_that_was_free_by_chance_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str, *, by_chance: bool
+) -> None:
+    ports = tmp_path / "range"
+    ports.write_text("32768\t60999\n")
+    monkeypatch.setattr(saving, "_RANGE", ports)
+    words = ("proxy", "arm", "arm-1", "--connect", address)
+    process = Process(manual.shell().parse(words), Program(1, words, tmp_path, ""))
+    _, notes = saving.saved(Present(realm="r", processes={process.id: process}), tmp_path / "cell.yaml")
+    assert [f"arm-1 connects to {address}, a port that was free by chance" in note for note in notes] == (
+        [True] if by_chance else []
+    )
+
+
+def test_a_host_whose_robots_another_one_has_is_in_the_file_and_has_them_there(tmp_path: Path) -> None:
+    words = ("host", "h2", "--standby-for", "h1", "--journal", "postgresql://db/robots")
+    process = Process(manual.shell().parse(words), Program(1, words, tmp_path, ""))
+    robot = RobotDescription(
+        address=Address("robot", "one", "1"), kinds=("Robot",), host="h2", page=str(tmp_path / "a.py")
+    )
+    there = Present(realm="r", processes={process.id: process}, robots={"one": robot}, instead={"h2": "h1"})
+    file, notes = saving.saved(there, tmp_path / "cell.yaml")
+    assert "h1 does not run; it is in the file, for h2 has its robots" in notes
+    hosts = {one.name: {key: word.text for key, word in one.facets.items()} for one in file.processes}
+    assert hosts == {
+        "h1": {"journal": "postgresql://db/robots"},
+        "h2": {"standby-for": "h1", "journal": "postgresql://db/robots"},
+    }
+    (entry,) = file.robots
+    assert entry.host is not None
+    assert entry.host.text == "h1"
+
+
+# -- a realm that changes while a plan is carried out ----------------------------------------------
+
+SLOW_PAGE = '''
+"""Two who stand above each other."""
+from robotree.vr import Child, VirtualRobot
+
+
+class Walker(VirtualRobot):
+    """Stands below."""
+
+
+class Leader(VirtualRobot):
+    """Stands above."""
+
+    walker = Child("Walker", "walks", optional=True)
+'''
+WANTED = """
+robots:
+  first: {page: "team.py:Leader"}
+  second: {page: "team.py:Leader", slots: {walker: walks}}
+  walks: {page: "team.py:Walker"}
+"""
+
+
+class Nobody:
+    """Starts nothing: all processes are there."""
+
+    controllers: ClassVar[Mapping[str, Controller]] = {}
+
+    async def start(self, entry: ProcessEntry, words: Sequence[str], environment: Mapping[str, str]) -> str:
+        raise AssertionError((entry, words, environment))
+
+
+async def test_a_slot_that_was_emptied_meanwhile_is_released_already(realm: Realm, tmp_path: Path) -> None:
+    page = tmp_path / "team.py"
+    page.write_text(SLOW_PAGE)
+    (tmp_path / "cell.yaml").write_text(WANTED)
+    client = realm.realm_client
+    for name, kind in (("first", "Leader"), ("second", "Leader"), ("walks", "Walker")):
+        await client.create(str(page), name, wanted=kind)
+    await client.enslave("first", "walker", "walks")
+    wanted = read_file(WANTED, str(tmp_path / "cell.yaml"))
+    planned: list[str] = []
+
+    async def agree(found: Plan) -> None:
+        planned.extend(step.text for step in found.steps)
+        await client.release("first", "walker")  # as another person does, or a lease that ends
+
+    _, done = await bring_about(wanted, pages_of(wanted), client, Nobody(), lambda _: None, agree)
+    assert planned == ["release first.walker", "enslave second.walker walks"]
+    assert [(one.outcome, one.reason) for one in done] == [("done", ""), ("done", "")]
+    assert (await client.describe("walks")).bond is not None

@@ -185,7 +185,7 @@ def test_a_forged_recording_adds_no_line_to_a_script_and_names_no_file_elsewhere
         if not line.startswith(("#", "sleep"))
     ]
     assert asked == ["call arm-1.say text=fine"]
-    folder, count = summary.write(found, tmp_path / "it.md")
+    folder, count = summary.write_report(found, tmp_path / "it.md")
     assert count == 1
     assert [path.name for path in folder.iterdir()] == ["001-cell-------evil--x.jpg"]
 
