@@ -76,7 +76,7 @@ class Stage:
     async def press(self, *keys: str) -> None:
         """Press keys, as a person who has seen what is in front."""
         await self.until(
-            lambda: self.app.now() >= self.app._seen and not self.app.selection.refusal(self.app.now())
+            lambda: self.app.now() >= self.app.guard.seen and not self.app.selection.refusal(self.app.now())
         )
         await self.play(press(self._pilot, *keys))
 

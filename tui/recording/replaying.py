@@ -147,7 +147,7 @@ class Replay(Supervisor):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Give keys to the field in which somebody types."""
-        if action in {"leap", "pace", "compare"} and self.typing:
+        if action in {"leap", "pace", "compare"} and self.guard.typing:
             return False
         return super().check_action(action, parameters)
 

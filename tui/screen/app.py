@@ -23,10 +23,10 @@ from robotree.tui.line import grammar
 from robotree.tui.line.action import Scope, Where, spell
 from robotree.tui.line.actions import ACTIONS, BY_VERB, shapes
 from robotree.tui.line.grammar import Line
-from robotree.tui.screen import asking
+from robotree.tui.screen import asking, looks
 from robotree.tui.screen.driver import outliving
 from robotree.tui.screen.jog import bounds
-from robotree.tui.screen.operator_app import LOOKS, OperatorApp
+from robotree.tui.screen.operator_app import OperatorApp
 from robotree.tui.screen.pages.dialogs import AttendDialog, Reading
 from robotree.tui.screen.pages.main import FIRST, MainPage, main_page
 from robotree.tui.screen.pages.page import Page
@@ -133,9 +133,9 @@ class Supervisor(OperatorApp):
         """Show the first page and begin to listen."""
         first = self.first_page()
         await self.push_screen(first)
-        self.order_letters()
+        self.looks.order_letters()
         await self.feed.open()
-        self.hear_streams()
+        self.watching.hear_streams()
         self.store.me = self.realm_client.operators.person
         self.realm_client.operators.on_said.append(self._hear)
         await self.realm_client.operators.open()
@@ -164,9 +164,8 @@ class Supervisor(OperatorApp):
 
     async def on_unmount(self) -> None:
         """Stop to listen."""
-        await self.close_wires()
-        await self.streams.follow(())
-        self.order_letters(ends=True)
+        await self.watching.close()
+        self.looks.order_letters(ends=True)
         await self.feed.close()
 
     def _handle_exception(self, error: Exception) -> None:
@@ -196,9 +195,9 @@ class Supervisor(OperatorApp):
         if refusal:
             return
         if "\n" in text:
-            typed, reading = self.typing, Reading(grammar.form(line, shapes(Where.PROMPT)), text)
+            typed, reading = self.guard.typing, Reading(grammar.form(line, shapes(Where.PROMPT)), text)
             self.push_screen(reading)
-            self.opened_by_itself(reading, typed=typed)
+            self.guard.opened_by_itself(reading, typed=typed)
         elif text:
             self.tell(text, "good")
 
@@ -226,8 +225,8 @@ class Supervisor(OperatorApp):
             return
         if line.verb == "log" and (line.flag("--follow") or not line.text("NAME")):
             line = Line("log")  # what robots say comes there by itself
-        if line.verb in LOOKS:
-            self.change_look(line.verb, line.text("NAME") or line.text("LANGUAGE"))
+        if line.verb in looks.VERBS:
+            self.looks.change(line.verb, line.text("NAME") or line.text("LANGUAGE"))
         elif not BY_VERB[line.verb].run or line == Line("log"):
             asking.ask_for(self, line.verb, Place(line.text("NAME")))  # some of these have no key
         elif BY_VERB[line.verb].danger:
@@ -262,7 +261,9 @@ class Supervisor(OperatorApp):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Give letters and the space to the field in which the operator types."""
-        if action == "quiet_verb" and (self.typing or not self.keyboard.has(BY_VERB[str(parameters[0])])):
+        if action == "quiet_verb" and self.guard.typing:
+            return False
+        if action == "quiet_verb" and not self.keyboard.has(BY_VERB[str(parameters[0])]):
             return False
         return super().check_action(action, parameters)
 
@@ -271,8 +272,8 @@ class Supervisor(OperatorApp):
         stop = BY_VERB["stop"]
         if key.key != stop.key:
             return key.key == stop.typing_key
-        typed_next = any(isinstance(one, Key) and one.key in self.line_keys for one in before)
-        return not self.typing and not typed_next
+        typed_next = any(isinstance(one, Key) and one.key in self.guard.line_keys for one in before)
+        return not self.guard.typing and not typed_next
 
     def action_quiet_verb(self, verb: str) -> None:
         """Do what a key asks for that works wherever nobody types."""
@@ -293,9 +294,9 @@ class Supervisor(OperatorApp):
     def hold_key(self, robot: str, command: str, attendance: Attendance) -> Callable[[], None]:
         """Put in front where a key is held for a command that wants that; returns how to take it away."""
         dialog = AttendDialog(robot, command, attendance)
-        typed = self.typing
+        typed = self.guard.typing
         self.push_screen(dialog)
-        self.opened_by_itself(dialog, typed=typed)
+        self.guard.opened_by_itself(dialog, typed=typed)
         return dialog.over
 
     def open_teleoperation(self, robot: RobotDescription) -> None:

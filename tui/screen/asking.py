@@ -554,7 +554,7 @@ def _line(kind: Kind, text: str = "") -> Ask:
         if isinstance(front, Page):
             front.open_line(kind, text)
         else:  # what is typed now is meant for the prompt
-            app.opened_by_itself(front, typed=True)
+            app.guard.opened_by_itself(front, typed=True)
             app.tell("a question or a text is in front: esc leaves it, then type the verb", "warning")
 
     return ask
@@ -609,8 +609,8 @@ ASK: Mapping[str, Ask] = {
     "skeleton": lambda app, _place: in_front(app).set_bare(),
     "together": lambda app, _place: in_front(app).set_side_by_side(),
     "camera": lambda app, _place: in_front(app).turn(),
-    "theme": lambda app, _place: app.change_look("theme"),
-    "language": lambda app, _place: app.change_look("language"),
+    "theme": lambda app, _place: app.looks.change("theme"),
+    "language": lambda app, _place: app.looks.change("language"),
     **{name: _pane(name) for name in PANES},
 }
 """By verb: what its key does first, where that is not to carry it out for what is selected (`plainly`)."""

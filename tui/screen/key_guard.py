@@ -29,7 +29,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -247,25 +247,30 @@ def carried_out(node: DOMNode | None, event: Event | None = None) -> str:
     return next((form.carrying for form in busy), "")
 
 
-class KeyGuard(KeysInOrder[ReturnType]):
-    """An app that drops keys for busy forms, and those typed before its screen was seen; never the stop."""
+class KeyGuard:
+    """The part of an app that drops keys for busy forms, and those typed before its screen was seen.
 
-    def __init__(self) -> None:
-        """Begin with nothing dropped."""
-        super().__init__()
-        self.keymap = Keymap()
-        """The operator's keys."""
+    It never drops the stop.
+    """
+
+    def __init__(
+        self, app: KeysInOrder[Any], keymap: Keymap, now: Callable[[], float], tell: Callable[[str], None]
+    ) -> None:
+        """Begin with nothing dropped.
+
+        Args:
+            app: whose keys they are.
+            keymap: the operator's keys.
+            now: returns [s] on the clock of events.
+            tell: says to the operator which keys had no effect, and why.
+        """
+        self._app, self._keymap, self._now, self._tell = app, keymap, now, tell
         self._lost: list[str] = []
         """Keys that were dropped and are not reported yet."""
-        self._seen = float("-inf")
+        self.seen = float("-inf")
         """[s] on the clock of events: from then on keys are meant for what is in front."""
         self._typed = False
         """A field had the focus when it opened: a space was a letter."""
-
-    @staticmethod
-    def now() -> float:
-        """[s] on the clock of events."""
-        raise NotImplementedError
 
     def opened_by_itself(self, front: Screen[Any], *, typed: bool) -> None:
         """Note that a screen has come to the front by itself.
@@ -279,34 +284,33 @@ class KeyGuard(KeysInOrder[ReturnType]):
         front.call_after_refresh(self._wait_for_a_look)  # on a busy machine it is drawn later
 
     def _wait_for_a_look(self) -> None:
-        self._seen = max(self._seen, self.now() + LOOK)
+        self.seen = max(self.seen, self._now() + LOOK)
 
     @property
     def line_keys(self) -> set[str]:
         """Keys of the main page after which one types."""
-        return {*self.keymap.keys("prompt"), *self.keymap.keys("filter")}
+        return {*self._keymap.keys("prompt"), *self._keymap.keys("filter")}
 
     @property
     def typing(self) -> bool:
         """Whether keys are letters now."""
-        front = self.focused if self.screen_stack else None
+        front = self._app.focused if self._app.screen_stack else None
         return isinstance(front, Input | TextArea) and not carried_out(front)
 
-    async def on_event(self, event: Event) -> None:
-        """Notice who types on and has not looked yet; stops overtake the letters before them."""
+    def notice(self, event: Event) -> None:
+        """Notice who types on and has not looked yet, as soon as an event comes."""
         if (
             isinstance(event, Key)
-            and event.time < self._seen
+            and event.time < self.seen
             and event.is_printable
             and event.key not in STOPPING
         ):
             self._typed = self._typed or event.key in self.line_keys
-            self._seen = max(self._seen, event.time + LOOK)
-        await super().on_event(event)
+            self.seen = max(self.seen, event.time + LOOK)
 
     def drops(self, event: Event) -> str:
         """Drop what is meant for a busy form, or for what was in front before (`KeysInOrder.drops`)."""
-        if event.time < self._seen:
+        if event.time < self.seen:
             if not isinstance(event, Key) or event.key not in STOPPING:
                 return "what is in front now had just come"
             if not self._typed or event.key == BY_VERB["stop"].typing_key:
@@ -319,40 +323,36 @@ class KeyGuard(KeysInOrder[ReturnType]):
     def keys_while_busy(self) -> set[str]:
         """Return the keys that work while the form in front carries something out."""
         verbs = [action for action in ACTIONS if action.while_busy]
-        page = getattr(self.screen, "KEYS_OF", "") if self.screen_stack else ""
+        page = getattr(self._app.screen, "KEYS_OF", "") if self._app.screen_stack else ""
         names = [*(verb.verb for verb in verbs), *(key.id for key in page_keys(page) if key.while_busy)]
-        return {verb.typing_key for verb in verbs}.union(*map(self.keymap.keys, names))
+        return {verb.typing_key for verb in verbs}.union(*map(self._keymap.keys, names))
 
     def _meant(self, event: Event) -> DOMNode | None:
-        if not self.screen_stack:
+        if not self._app.screen_stack:
             return None
         if isinstance(event, MouseDown | MouseUp):
             try:
-                return self.get_widget_at(event.x, event.y)[0]
+                return self._app.get_widget_at(event.x, event.y)[0]
             except NoWidget:
                 return None
-        return self.focused or self.screen
+        return self._app.focused or self._app.screen
 
     def dropped(self, event: Event, why: str) -> None:
         """Tell what was dropped, together with what is dropped right after it."""
         if isinstance(event, MouseUp):
             return  # its button's way down has been told
         self._lost.append(_spelled(event))
-        self.set_timer(SOON, partial(self._tell_lost, len(self._lost), why))
+        self._app.set_timer(SOON, partial(self._tell_lost, len(self._lost), why))
 
     def _tell_lost(self, count: int, why: str) -> None:
         """Report the dropped keys, when no key waits and none was dropped since the timer was set."""
         if count != len(self._lost):
             return
-        if self.keys_wait:
-            self.set_timer(SOON, partial(self._tell_lost, count, why))
+        if self._app.keys_wait:
+            self._app.set_timer(SOON, partial(self._tell_lost, count, why))
         else:
-            self.tell_dropped(_together(self._lost), why)
+            self._tell(f"{_together(self._lost)}: {why}")
             self._lost.clear()
-
-    def tell_dropped(self, what: str, why: str) -> None:
-        """Tell a person which keys had no effect."""
-        raise NotImplementedError
 
 
 def _spelled(event: Event) -> str:

@@ -7,7 +7,6 @@ the operator.
 from __future__ import annotations
 
 import logging
-import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -15,37 +14,30 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from textual import work
 from textual.driver import Driver
+from textual.events import Event
 from textual.screen import Screen
-from textual.theme import Theme
 
-from robotree.tui import words
-from robotree.tui.errors import SupervisorError
 from robotree.tui.line import completion, ordering
 from robotree.tui.line.action import Where
 from robotree.tui.line.carrying import Refusal, carry_out
 from robotree.tui.line.grammar import Line
-from robotree.tui.line.installed import lacking
 from robotree.tui.line.surface import Surface
 from robotree.tui.line.verbs import CALL_LIMIT, Outcome
 from robotree.tui.processes.alarm_file import alarms_of
 from robotree.tui.processes.choices import Choices
 from robotree.tui.processes.layout import LayoutFile
 from robotree.tui.processes.terminal_graphics import CELLS
-from robotree.tui.processes.wire_watch import WireMessage, WireWatch
-from robotree.tui.screen import themes
 from robotree.tui.screen.error_boundary import ErrorBoundary
 from robotree.tui.screen.foresight import Foresight
-from robotree.tui.screen.key_guard import KeyGuard
+from robotree.tui.screen.key_guard import KeyGuard, KeysInOrder
 from robotree.tui.screen.keymap import Keymap
-from robotree.tui.screen.palette import reduced_theme
-from robotree.tui.screen.themes import OURS, REDUCED, SIXTEEN, chosen
+from robotree.tui.screen.looks import Looks
+from robotree.tui.screen.watching import Watching
 from robotree.tui.seen import wording
 from robotree.tui.seen.errand import CallListener
 from robotree.tui.seen.feeding import Feed
 from robotree.tui.seen.selection import NOWHERE, Place, Selection
-from robotree.tui.seen.series import Reading, named, reading_of
 from robotree.tui.seen.store import Store, Weight
-from robotree.tui.seen.streams import HeardStreams
 from robotree.tui.words import say
 from robotree.vr.base.errors import ChildCancelled, CommandCancelled, NotConfirmed, VrError
 from robotree.vr.exchange.attendance import Attendance
@@ -62,15 +54,11 @@ Answer = TypeVar("Answer")
 
 Denials = dict[tuple[str, tuple[str, ...], str], str]
 """What a policy said: its refusal, or nothing, by robot, kinds and command."""
-LOOKS = frozenset({"theme", "language"})
-"""Verbs about how the screen looks."""
-
-
 CONTROL = {"control get", "control offer", "control take", "control leave"}
 """Verbs by which control of a robot changes hands, or stays as it is."""
 
 
-class OperatorApp(ErrorBoundary, KeyGuard[int]):
+class OperatorApp(ErrorBoundary, KeysInOrder[int]):
     """The interface of the app for its pages and widgets."""
 
     STOP_WORD: ClassVar[str] = "STOP"
@@ -108,10 +96,11 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.calm, self.readonly = calm, readonly
         self.keymap = keymap or Keymap()
         self.set_keymap(dict(self.keymap.changed))
+        self.guard = KeyGuard(self, self.keymap, self.now, partial(self.tell, weight="warning"))
         shell = f"robotree --realm {realm}" if realm != DEFAULT_REALM else "robotree"
         self.prompt = Surface(Where.PROMPT, readonly, shell=shell)  # the actions that can be typed
         self.keyboard = Surface(Where.SCREEN, readonly)  # the actions that have keys
-        self._take_theme()
+        self.looks = Looks(self, self.tell, keeps=not readonly)
         self.realm_client, self.realm, self.farewell = realm_client, realm, farewell
         self.store = store or Store()
         self.store.denies = self._denies
@@ -120,9 +109,6 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         self.selection = Selection()  # the robot that keys are about, whatever page is in front
         self.marks: frozenset[str] = frozenset()  # robots that an action may take together
         self.past: list[str] = []  # lines that were typed at the prompt, on whatever page
-        self._ordered = False  # whether the terminal leaves the order of letters to us
-        self.looks = Choices()  # what was chosen last of how the screen looks
-        self.own_themes: tuple[Theme, ...] = ()
         self.steps = steps or Choices()  # the step of tele-operation that was chosen last, by robot
         self.pictures = CELLS
         """How pictures are drawn in this terminal; `supervise` finds it out."""
@@ -131,91 +117,13 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         if readonly:
             self.layout.keep_nothing()
             self.steps.keep_nothing()
-        self.wires: dict[str, WireWatch] = {}  # by robot: wires that are watched
-        self.streams = HeardStreams(realm_client, self._heard_stream)
-        self._tick_again()
-        self._rung = self.store.watched.rung
+        self.watching = Watching(self, realm_client, realm, self.store.watched, self.layout, self.now)
         self.errors: list[Exception] = []  # those that the fence held back
 
     @property
     def driver(self) -> Driver | None:
         """Textual's way to the terminal; None: there is none."""
         return self._driver
-
-    def _take_theme(self) -> None:
-        """Register our themes, and take the one that the environment wants."""
-        for theme in (*OURS, *REDUCED.values(), *SIXTEEN.values()):
-            self.register_theme(theme)
-        wanted = os.environ.get("TEXTUAL_THEME", "")
-        ours = chosen(wanted, self.console.color_system).name
-        self.theme = wanted if wanted in self.available_themes and wanted not in REDUCED else ours
-
-    # -- looks -------------------------------------------------------------------------------------
-
-    def wear(self, looks: Choices, themes: Sequence[Theme]) -> None:
-        """Look as the operator has chosen last, or once and for all.
-
-        Args:
-            looks: what was chosen; what will be is kept there.
-            themes: of the operator's own.
-
-        Raises:
-            NoSuchLanguage: `$ROBOTREE_LANGUAGE` names none.
-        """
-        self.looks, self.own_themes = looks, tuple(themes)
-        if self.readonly:
-            looks.keep_nothing()
-        for theme in themes:
-            self.register_theme(theme)
-            self.register_theme(reduced_theme(theme))
-        kept = looks.get("language", "")
-        words.choose(words.wanted() or (kept if kept in words.LANGUAGES else "en"))
-        wanted = os.environ.get("TEXTUAL_THEME", "") or looks.get("theme", "")
-        if wanted.removeprefix("robotree-") in self._theme_names:
-            self.theme = chosen(wanted, self.console.color_system, self.own_themes).name
-
-    @property
-    def _theme_names(self) -> list[str]:
-        return [theme.name.removeprefix("robotree-") for theme in (*OURS, *self.own_themes)]
-
-    def change_look(self, what: str, name: str = "") -> None:
-        """Show other colours, or other words: `theme` and `language`; without a name, the next ones."""
-        if what == "language":
-            self._speak(name or _behind(words.chosen(), list(words.LANGUAGES)))
-            return
-        known = self._theme_names
-        now = self.theme.removeprefix("robotree-").removesuffix("-256").removesuffix("-16")
-        name = name.removeprefix("robotree-") or _behind(now, known)
-        if name in known:
-            self.theme = chosen(name, self.console.color_system, self.own_themes).name
-        elif name in self.available_themes:
-            self.theme = name
-        else:
-            own = f"one of yours is a file {themes.folder()}/NAME.toml, read at the start"
-            self.tell(f"there is no theme {name!r}; there are {', '.join(known)}; {own}", "error")
-            return
-        self.looks.choose("theme", name)
-        self.tell(f"theme {name}", "good")
-
-    def _speak(self, code: str) -> None:
-        try:
-            words.choose(code)
-        except (SupervisorError, ImportError) as error:
-            lack = lacking("language", error) if isinstance(error, ImportError) else error
-            self.tell(str(lack or error), "error")
-            return
-        self.looks.choose("language", code)
-        self.order_letters()
-        for screen in self.screen_stack:
-            for line in screen.query("KeyLine"):
-                line.refresh(recompose=True)
-        self.tell(f"language {code}", "good")
-
-    def order_letters(self, *, ends: bool = False) -> None:
-        """Tell the terminal who sees to the order of letters: we, as long as words go from right to left."""
-        if self._driver is not None and (words.chosen() in words.LEFTWARDS or self._ordered):
-            self._ordered = words.chosen() in words.LEFTWARDS and not ends
-            self._driver.write(words.EXPLICIT if self._ordered else words.IMPLICIT)
 
     @staticmethod
     def now() -> float:
@@ -233,6 +141,21 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
         """[s] since 1970, at the same moment as `now`."""
         return time.time()
 
+    # -- keys --------------------------------------------------------------------------------------
+
+    async def on_event(self, event: Event) -> None:
+        """Notice who types on and has not looked yet; stops overtake the letters before them."""
+        self.guard.notice(event)
+        await super().on_event(event)
+
+    def drops(self, event: Event) -> str:
+        """See `KeyGuard.drops`."""
+        return self.guard.drops(event)
+
+    def dropped(self, event: Event, why: str) -> None:
+        """See `KeyGuard.dropped`."""
+        self.guard.dropped(event, why)
+
     # -- telling -----------------------------------------------------------------------------------
 
     def tell(self, text: str, weight: Weight = "plain", robot: str = "") -> None:
@@ -246,10 +169,6 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             return  # what goes wrong at every drawing is told once
         self.tell(f"something went wrong in here, not in the robots: {error!r}", "error")
 
-    def tell_dropped(self, what: str, why: str) -> None:
-        """Tell which keys had no effect (`KeyGuard.tell_dropped`)."""
-        self.tell(f"{what}: {why}", "warning")
-
     def _denies(self, robot: str, kinds: Sequence[str], command: str) -> str:
         """Return why the policy denies a command to who sits here; see `Store.denies`."""
         gate = self.realm_client.gate
@@ -262,70 +181,6 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
             refused = self.realm_client.refused("command", robot, kinds, command)
             known[asked] = "" if refused is None else str(refused)
         return known[asked]
-
-    # -- readings over time ------------------------------------------------------------------------
-
-    def tick(self, reading: Reading) -> None:
-        """Watch a reading over time, or end that; which are watched is kept for this person and realm."""
-        ticked = self.store.watched.ticked
-        if reading in ticked.series:
-            ticked.untick(reading)
-        else:
-            ticked.tick(reading)
-        for robot in [one for one in self.wires if not self._has_ticked_fields(one)]:
-            if not any(getattr(page, "robot", "") == robot for page in self.screen_stack):
-                self.leave_wire(robot)
-        self.hear_streams()
-        names = [named(one) for one in ticked.series if "." not in one[1]]  # wires are not watched unasked
-        kept = {**self.layout.layout.ticked, self.realm: names}
-        self.layout.change(ticked={realm: names for realm, names in kept.items() if names})
-
-    def _tick_again(self) -> None:
-        """Watch what was watched when this person left."""
-        for name in self.layout.layout.ticked.get(self.realm, ()):
-            if reading := reading_of(name):
-                self.store.watched.ticked.tick(reading)
-
-    def hear_streams(self) -> None:
-        """Listen to the streams that are ticked, and to no other."""
-        following = self.streams.follow(list(self.store.watched.ticked.series))
-        self.run_worker(following, exit_on_error=False, group="streams")
-
-    def _heard_stream(self, robot: str, numbers: Mapping[str, float]) -> None:
-        self.store.watched.take(robot, numbers, self.now())
-
-    # -- the wires of proxies ----------------------------------------------------------------------
-
-    def watch_wire(self, robot: str) -> None:
-        """Listen to the controller of a proxy, if that is not done already."""
-        if robot not in self.wires:
-            self.wires[robot] = WireWatch(self.realm_client.realm, robot, partial(self._heard_wire, robot))
-
-    def _heard_wire(self, robot: str, messages: Sequence[WireMessage]) -> None:
-        if robot in self.store.watched.ticked.robots:
-            now = self.now()
-            for one in messages:
-                fields = {f"{one.name}.{name}": value for name, value in one.numbers().items()}
-                self.store.watched.ticked.take(robot, fields, now)
-
-    def _has_ticked_fields(self, robot: str) -> bool:
-        return any("." in name for name in self.store.watched.ticked.robots.get(robot, ()))
-
-    def leave_wire(self, robot: str) -> None:
-        """Listen no longer, unless a field of it is ticked."""
-        if not self._has_ticked_fields(robot) and (watch := self.wires.pop(robot, None)):
-            self.run_worker(watch.close(), exit_on_error=False, group="wires")
-
-    async def close_wires(self) -> None:
-        """End all of them."""
-        while self.wires:
-            await self.wires.popitem()[1].close()
-
-    def ring(self) -> None:
-        """Ring the bell of the terminal, once for each time that alarms were raised."""
-        if self.store.watched.rung != self._rung:
-            self._rung = self.store.watched.rung
-            self.bell()
 
     # -- the selection -----------------------------------------------------------------------------
 
@@ -539,11 +394,6 @@ class OperatorApp(ErrorBoundary, KeyGuard[int]):
 
 def _nothing() -> None:
     """No key is held."""
-
-
-def _behind(now: str, known: Sequence[str]) -> str:
-    """Return what comes behind one of several; the first, where it is none of them or the last."""
-    return known[(known.index(now) + 1) % len(known)] if now in known else known[0]
 
 
 def weight_of(error: Exception) -> Weight:

@@ -108,7 +108,7 @@ async def _show(make: Callable[..., Supervisor], realm: str, store: Store) -> in
     task, ends = asyncio.current_task(), list[float]()
     while True:
         app = make(store=store, keymap=keys, calm=calm, steps=steps, layout=layout)
-        app.wear(looks, own)
+        app.looks.wear(looks, own)
         if not app.is_web:
             app.pictures = pictures_here()
         code = await app.run_async()

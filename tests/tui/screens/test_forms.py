@@ -243,7 +243,7 @@ async def test_hasty_enters_do_not_cancel_what_has_just_begun(
     monkeypatch.setattr(key_guard, "LOOK", 60.0)
     async with go_to_form(realm, operate) as (operator, _page, form):
         realm.arm.under_way = True
-        operator.app._seen = 0.0
+        operator.app.guard.seen = 0.0
         await operator.press("ctrl+r")
         await operator.until(lambda: form.query_one("#cancel", Button).has_focus, "it runs")
         await operator.press("enter")

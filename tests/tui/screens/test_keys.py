@@ -204,12 +204,12 @@ async def dealt_with(operator: Operator) -> None:
 @pytest.mark.usefixtures("slow")
 async def test_a_text_that_comes_by_itself_takes_no_key_typed_before_it_was_seen(operator: Operator) -> None:
     page = await described(operator)
-    came = operator.app._seen - SIGHT
+    came = operator.app.guard.seen - SIGHT
     operator.burst(f"{ENTER}{ESCAPE}", at=came + 0.9 * SIGHT)
     operator.burst(ENTER, at=came - 1.0)  # kept waiting by a busy machine
     await dealt_with(operator)
     assert operator.app.screen is page
-    operator.burst(ENTER, at=operator.app._seen)
+    operator.burst(ENTER, at=operator.app.guard.seen)
     await operator.at(MainPage)
 
 
@@ -218,14 +218,14 @@ async def test_a_text_that_comes_while_one_types_waits_for_the_end_of_it(operato
     await operator.press("slash")
     await operator.until(lambda: isinstance(operator.app.focused, Input), "the line")
     page = await described(operator)
-    came = operator.app._seen - SIGHT
+    came = operator.app.guard.seen - SIGHT
     for step in range(10):
         operator.burst("q n ", at=came + 0.8 * SIGHT * step)
     await dealt_with(operator)
     assert operator.app.screen is page
     assert operator.app.store.stopped == (), "a space was a letter"
-    assert operator.app._seen > came + 0.8 * SIGHT * 10
-    operator.burst("q", at=operator.app._seen)
+    assert operator.app.guard.seen > came + 0.8 * SIGHT * 10
+    operator.burst("q", at=operator.app.guard.seen)
     await operator.at(MainPage)
     assert operator.one(Prompt).letters == ""
 
@@ -234,7 +234,7 @@ async def test_a_text_that_comes_while_one_types_waits_for_the_end_of_it(operato
 @pytest.mark.parametrize("key", [" ", CTRL_S], ids=["space", "ctrl+s"])
 async def test_the_stop_waits_for_no_look(operator: Operator, key: str) -> None:
     await described(operator)
-    operator.burst(key, at=operator.app._seen - SIGHT)
+    operator.burst(key, at=operator.app.guard.seen - SIGHT)
     await operator.until(lambda: len(operator.app.store.stopped) == 2, "all are stopped")
 
 
@@ -256,7 +256,7 @@ async def test_the_answer_to_a_question_that_has_closed_is_no_key_of_the_page_be
     await operator.at(Confirm)
     await realm.realm_client.resume(None)
     page = await operator.at(MainPage)
-    came = operator.app._seen - SIGHT
+    came = operator.app.guard.seen - SIGHT
     operator.burst(f"n{ENTER}", at=came + 0.9 * SIGHT)
     await dealt_with(operator)
     assert operator.app.screen is page

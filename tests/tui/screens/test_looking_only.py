@@ -87,10 +87,10 @@ async def every_key(operator: Operator, keys: set[str]) -> None:
     front = operator.app.screen
     for key in sorted(keys - LEAVES - STOPS):
         await operator.press(key)
-        while operator.app.screen is not front or operator.app.typing:
-            before = operator.app.screen, operator.app.typing
+        while operator.app.screen is not front or operator.app.guard.typing:
+            before = operator.app.screen, operator.app.guard.typing
             await operator.press("escape")
-            if (operator.app.screen, operator.app.typing) == before:
+            if (operator.app.screen, operator.app.guard.typing) == before:
                 operator.app.pop_screen()
 
 
@@ -114,7 +114,7 @@ async def test_no_key_of_the_whole_program_changes_anything_where_one_may_only_l
         assert hasattr(realm.realm_client, name), name
         monkeypatch.setattr(realm.realm_client, name, partial(refuse, asked, name))
     async with operate(realm.realm_client, readonly=True, layout=layout, mended=True) as operator:
-        operator.app.wear(Choices(tmp_path / "here" / "looks.json"), ())
+        operator.app.looks.wear(Choices(tmp_path / "here" / "looks.json"), ())
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         operator.app.choose("arm-1")
         letters = {action.key for action in ACTIONS if action.key and action.where & Where.SCREEN}

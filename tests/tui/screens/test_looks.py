@@ -54,7 +54,7 @@ async def test_a_person_reads_keys_headers_states_and_questions_in_another_langu
 async def test_a_person_changes_the_colours_by_key_and_by_name(realm: Realm, operate: Operate) -> None:
     async with operate(realm.realm_client, size=(80, 24)) as operator:
         app = operator.app
-        app.wear(app.looks, [read('[colours]\nprimary = "#ffffff"\n', "desk", "desk.toml")])
+        app.looks.wear(app.looks.kept, [read('[colours]\nprimary = "#ffffff"\n', "desk", "desk.toml")])
         await operator.sees("rover-1")
         before = app.theme
         await operator.press("f8")
@@ -63,13 +63,13 @@ async def test_a_person_changes_the_colours_by_key_and_by_name(realm: Realm, ope
         await operator.type("theme desk")
         await operator.press("enter")
         await operator.sees("theme desk")
-        assert app.theme == chosen("desk", app.console.color_system, app.own_themes).name
+        assert app.theme == chosen("desk", app.console.color_system, app.looks.own_themes).name
         await operator.press("colon")
         await operator.type("theme neon")
         await operator.press("enter")
         await operator.sees("no theme 'neon'")
         assert app.store.entries[-1].text.endswith("robotree/themes/NAME.toml, read at the start")
-        assert app.looks.get("theme", "") == "desk"
+        assert app.looks.kept.get("theme", "") == "desk"
 
 
 def drawn(operator: Operator) -> list[list[Segment]]:

@@ -130,7 +130,7 @@ async def test_a_number_in_a_stream_is_ticked_heard_while_it_is_and_again_after_
             await operator.sees("a stream is heard only while it is ticked")
     async with operate(realm.realm_client, size=(140, 40), layout=LayoutFile(file)) as operator:
         await operator.until(lambda: press.force.wanted, "somebody listens, whatever page is in front")
-        operator.app.tick(("press-1", "stream/force"))
+        operator.app.watching.tick(("press-1", "stream/force"))
         await operator.until(lambda: not press.force.wanted, "nobody listens any more")
 
 
@@ -147,9 +147,8 @@ async def test_a_field_is_ticked_and_its_plot_is_a_key_away(
         await operator.until(lambda: "arm-1" in operator.app.store.descriptions)
         operator.app.choose("arm-1")
         watch = SimpleNamespace(messages=TOLD, note="")
-        monkeypatch.setattr(
-            operator.app, "watch_wire", lambda robot: operator.app.wires.setdefault(robot, watch)
-        )
+        watching = operator.app.watching
+        monkeypatch.setattr(watching, "watch_wire", lambda robot: watching.wires.setdefault(robot, watch))
         await operator.press("Q")
         await operator.at(MessagesPage)
         await operator.sees(
@@ -159,13 +158,13 @@ async def test_a_field_is_ticked_and_its_plot_is_a_key_away(
         await operator.sees("name is no number")
         await operator.press("home", "enter")
         await operator.sees("■ progress")
-        operator.app._heard_wire("arm-1", TOLD)
+        watching._heard_wire("arm-1", TOLD)
         await operator.press("U")
         await operator.at(ReadingsPage)
         await operator.sees("■ arm-1.GOAL_STATUS.progress  0.25")
         await operator.press("escape")
         await operator.at(MessagesPage)
-        monkeypatch.setattr(operator.app, "leave_wire", operator.app.wires.pop)
+        monkeypatch.setattr(watching, "leave_wire", watching.wires.pop)
         await operator.press("escape")
         await operator.at(MainPage)
 

@@ -115,7 +115,7 @@ class Question(Modal[str]):
         if self.is_current and (why := self._outlived()):
             self.app.tell(why)
             self.dismiss(None)
-            self.app.opened_by_itself(self.app.screen, typed=False)
+            self.app.guard.opened_by_itself(self.app.screen, typed=False)
 
     @on(Button.Pressed)
     def _pressed(self, event: Button.Pressed) -> None:
@@ -294,6 +294,6 @@ class AttendDialog(Modal[None]):
         """The command has ended."""
         if self.is_attached and self.is_current:
             self.dismiss(None)
-            self.app.opened_by_itself(self.app.screen, typed=False)
+            self.app.guard.opened_by_itself(self.app.screen, typed=False)
         elif self.is_attached:
             self.remove()

@@ -401,7 +401,7 @@ class MainPage(Page):
         """Show keys about a robot only where a robot can be selected, and none of what is absent."""
         if action == "verb" and not self.app.keyboard.has(BY_VERB[str(parameters[0])]):
             return False
-        if action == "verb" and self.app.typing:
+        if action == "verb" and self.app.guard.typing:
             return False  # the keys are letters now
         concerned = action == "verb" and BY_VERB[str(parameters[0])].about is not About.NOTHING
         pointing = self.pane == "views" and bool(parameters) and parameters[0] in POINTING

@@ -40,7 +40,7 @@ class MessagesPage(Page):
 
     def on_mount(self) -> None:
         """Begin to listen."""
-        self.app.watch_wire(self.robot)
+        self.app.watching.watch_wire(self.robot)
         self.query_one("#messages-list").focus()
 
     def title_of_page(self) -> str:
@@ -50,7 +50,7 @@ class MessagesPage(Page):
     def action_back(self) -> None:
         """Leave; the wire is watched no longer, unless a field is ticked."""
         self.dismiss()
-        self.app.leave_wire(self.robot)
+        self.app.watching.leave_wire(self.robot)
 
     def action_plots(self) -> None:
         """Show what is ticked over time."""
@@ -66,7 +66,7 @@ class MessagesPage(Page):
         if message is None:
             return
         if field in message.numbers():
-            self.app.tick(self._reading(message, field))
+            self.app.watching.tick(self._reading(message, field))
         else:
             self.app.tell(f"{field} is no number: only numbers are drawn over time", "warning")
         self.draw()
@@ -76,7 +76,7 @@ class MessagesPage(Page):
 
     @property
     def _messages(self) -> tuple[WireMessage, ...]:
-        watch = self.app.wires.get(self.robot)
+        watch = self.app.watching.wires.get(self.robot)
         return tuple(sorted(watch.messages, key=lambda one: one.id)) if watch else ()
 
     @property
@@ -92,7 +92,7 @@ class MessagesPage(Page):
         super().draw()
         if not self.is_mounted:
             return
-        watch, messages = self.app.wires.get(self.robot), self._messages
+        watch, messages = self.app.watching.wires.get(self.robot), self._messages
         note = self.query_one("#messages-note", CachedText)
         note.display = bool(watch and watch.note)
         note.show(Text(f" {seen(watch.note)}" if watch else "", tint(self.app, "warning")))

@@ -300,10 +300,10 @@ class NewPage(Form, Page):
         if not self.is_attached:
             return
         if not refusal:
-            typed, in_front = self.app.typing, self.is_current
+            typed, in_front = self.app.guard.typing, self.is_current
             self.dismiss()
             if in_front:
-                self.app.opened_by_itself(self.app.screen, typed=typed)
+                self.app.guard.opened_by_itself(self.app.screen, typed=typed)
             return
         self.query_one("#new-complaint", Label).update(f"✗ {refusal}")
         self.query_one("#create", Button).disabled = False

@@ -225,7 +225,7 @@ class Page(Part, Leaving[None]):
 
     def on_key(self, event: Key) -> None:
         """Say why nothing comes of a key that is absent since one may only look."""
-        if not self.app.readonly or self.app.typing:
+        if not self.app.readonly or self.app.guard.typing:
             return
         verbs = {one.verb: one.verb for one in ACTIONS if one.key and one.scope in self.SCOPES}
         for name, verb in {**named_keys(self.focused), **named_keys(self), **verbs}.items():
@@ -257,7 +257,7 @@ class Page(Part, Leaving[None]):
         app = self.app
         self.query_one(TopBar).draw(app.store, app.heading, self.title_of_page())
         self.query_one(Banner).draw(app.store)
-        app.ring()
+        app.watching.ring()
         for line in self.children:  # a query would look at each widget of the page, four times a second
             if isinstance(line, FlashLine):
                 line.draw(app.store, app.now())

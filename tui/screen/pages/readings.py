@@ -259,7 +259,7 @@ class ReadingsPage(Page):
                 "no reading is here: select a robot that has some, in the list of robots", "warning"
             )
             return
-        self.app.tick(reading)
+        self.app.watching.tick(reading)
         self.draw()
         self._plot()
 
