@@ -172,9 +172,7 @@ def has_open(witness: int, other: int) -> bool:
 
 WAYS = ("nothing", "fork", "multiprocessing", "preexec")
 """How a child is made that lives on when its process is killed."""
-HOST = Row(
-    "fork", "host that keeps nothing, of a page that has forked and moves an arm, is killed", STANDING, 0.3
-)
+HOST = Row("fork", "host that keeps nothing, of a forked page that moves an arm, is killed", STANDING, 0.3)
 PROXY = Row("fork", "an author's own proxy that has forked and moves an arm is killed", STANDING, 0.3)
 WAY = 0.02
 """[m] that the arm may go on; measured without a child: 0.004."""
