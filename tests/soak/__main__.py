@@ -75,7 +75,7 @@ PLAN: tuple[tuple[int, int, str, *tuple[Try, ...]], ...] = (
     (1, 4, "key", damage.key),
     (1, 4, "page", damage.page),
     (1, 4, "list", damage.robots),
-    (1, 4, "held", partial(resources.hold, letters=26, kill=False)),
+    (1, 4, "held", partial(resources.hold, letters=27, kill=False)),
     (1, 4, "held-end", partial(resources.hold, letters=29, kill=True)),
     (0, 1, "lives", resources.come_and_go),
     (3, 54, "freeze", *(partial(freezes.freeze, victim=victim) for victim in freezes.VICTIMS)),

@@ -17,10 +17,10 @@ from collections.abc import AsyncIterator, Callable, Generator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from robotree.vr.base.errors import NoSuchRobot, VrError
+from robotree.vr.base.errors import VrError
 from robotree.vr.lookup.table import MOST_REMEMBERED
 from tests.apart import fill
-from tests.soak.stage import SQUARE, Said, Stage, Verb, holds, names
+from tests.soak.stage import ROOT, ROVER, SQUARE, Said, Stage, Verb, holds, names
 from tests.soak.stops import ALL, STAND, busy, false_reports, marks_of, still_moving, stood
 from tests.soak.table import Row, Trial
 
@@ -30,12 +30,14 @@ ROOM = 1 << 20
 """[bytes] of memory that a process may still map."""
 HELD = Row(
     "held",
-    "a page holds the interpreter of the host of the robot that commands a rover",
+    "a page holds the interpreter of a host that keeps nothing; its robot commands a rover",
     "from the last sign of life of the host until the rover stands",
     3.0,
 )
 ENDED = Row("held", "`kill PID` of that host", "from the signal until the process has ended", 4.0)
 RETURNED = Row("held", "a held interpreter is free again", "until its robot has the rover again", 10.0)
+FORGETFUL, DRIVER = "forgetful host", "driver"
+"""The member of the stage whose interpreter is held, and its robot that drives."""
 PAGE = '''
 """Greedy: holds the interpreter."""
 import re
@@ -46,7 +48,7 @@ class Greedy(VirtualRobot):
 
     @command
     def hold(self, letters: int) -> None:
-        """Match for long: 5 s with 26 letters, twice as long for each more."""
+        """Match for long: 2.5 to 5 s with 26 letters, twice as long for each more."""
         re.match(r"(a+)+$", "a" * letters + "b")
 '''
 
@@ -162,16 +164,23 @@ FAULTS: dict[str, tuple[str, float, Callable[[Stage], contextlib.AbstractContext
 
 
 async def hold(stage: Stage, _chance: random.Random, letters: int, kill: bool) -> Sequence[Trial]:  # noqa: FBT001 # one of two
-    """Hold the interpreter of the host while its robot drives a rover; let it go, or end the host."""
+    """Hold the interpreter of a host while its robot drives a rover; let it go, or end the host.
+
+    The host keeps nothing: a rover would wait for one that does, and end its step.
+    """
     page = stage.folder / "greedy.py"
     page.write_text(PAGE)
     await stage.furnish()
-    with contextlib.suppress(NoSuchRobot):  # of a trial that was broken off
-        await stage.realm_client.delete("greedy")
-    await stage.realm_client.create(str(page), "greedy")
-    square = await stage.verb("call", f"{SQUARE}.move", "x=1.2", "y=0", "--within", "20 s")
+    client = stage.realm_client
+    await stage.start(FORGETFUL, "host", "host-2", "--forget")
+    await client.create(str(page), "greedy", host="host-2")
+    await client.create(str(ROOT / "examples" / "move_square.py"), DRIVER, host="host-2")
+    await client.release(SQUARE, "rover")
+    await client.enslave(DRIVER, "rover", ROVER)
+    x = -1.2 if stage.rover.place[0] > 0 else 1.2
+    drive = await stage.verb("call", f"{DRIVER}.move", f"x={x}", "y=0", "speed=0.15", "--within", "30 s")
     moved = await stage.rover.moves()
-    pid = stage.pid("host")
+    pid = stage.pid(FORGETFUL)
     (beat,) = stage.folder.glob(f"{pid}-*.beat")
     greedy = await stage.verb("call", "greedy.hold", f"letters={letters}", "--within", "50 s")
     last, mark = beat.read_bytes(), stage.rover.mark()
@@ -181,20 +190,19 @@ async def hold(stage: Stage, _chance: random.Random, letters: int, kill: bool) -
         await asyncio.sleep(0.02)
     standing = Trial(HELD, moved and await stage.rover.stands(10.0), note="" if moved else "it did not move")
     standing.seconds = stage.rover.stood_after(mark)
-    trials = [standing, await _end(stage, pid) if kill else await _return(stage)]
-    for call in (square, greedy):
+    trials = [standing, await _end(pid) if kill else await _return(stage)]
+    for call in (drive, greedy):
         said = await call.end()
-        if call is square and not moved:
+        if call is drive and not moved:
             standing.note = f"it did not move: {said}"
-        elif call is square and said.done:
+        elif call is drive and said.done:
             standing.false.append(f"{said}; but its host was held in the middle")
-    if not kill:
-        await stage.realm_client.delete("greedy")
+    await stage.kill(FORGETFUL)
     await stage.expect_whole(trials[-1])
     return trials
 
 
-async def _end(stage: Stage, pid: int) -> Trial:
+async def _end(pid: int) -> Trial:
     began = time.monotonic()
     handle = os.pidfd_open(pid)
     try:
@@ -206,8 +214,6 @@ async def _end(stage: Stage, pid: int) -> Trial:
     finally:
         os.close(handle)
     ended.note = "" if ended.reached else "it runs 15 s after SIGTERM"
-    await stage.kill("host")
-    await stage.restart("host")
     return ended
 
 
@@ -216,7 +222,7 @@ async def _return(stage: Stage) -> Trial:
     trial = Trial(RETURNED, False, note="the slot is empty")
     while not trial.reached and time.monotonic() - began < 25.0:
         found = {one.name: one for one in await stage.realm_client.tree()}
-        trial.reached = SQUARE in found and any(slot.child for slot in found[SQUARE].slots)
+        trial.reached = DRIVER in found and any(slot.child for slot in found[DRIVER].slots)
         await asyncio.sleep(0.05)
     trial.seconds, trial.note = time.monotonic() - began, "" if trial.reached else trial.note
     return trial
