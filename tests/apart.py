@@ -24,6 +24,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tests.command_line import ran
+
 CANNOT = 77
 """Exit code where the system allows no namespaces, as automake's tests say that they were skipped."""
 ROOT = Path(__file__).parents[1]
@@ -120,14 +122,10 @@ def run(what: str, *mounts: str, **environment: str) -> subprocess.CompletedProc
         mounts: FOLDER=SIZE.
         environment: variables beside those of this process.
     """
-    return subprocess.run(
+    return ran(
         [sys.executable, "-m", "tests.apart", what, *(word for one in mounts for word in ("--on", one))],
         cwd=ROOT,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
+        within=100,
         env={**os.environ, **environment},
     )
 

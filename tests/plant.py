@@ -17,7 +17,7 @@ import pytest
 from robotree.client.blocking import Realm, connect
 from robotree.tui.exit_codes import DONE
 from robotree.vr.base.errors import VrError
-from tests.command_line import ROBOTREE
+from tests.command_line import ROBOTREE, ran
 from tests.ports import free_port
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -75,15 +75,7 @@ class Machine:
         return done.stdout if done.returncode == DONE else ""
 
     def _run(self, *words: str, within: float) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [*ROBOTREE, *words],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=within,
-            env=self.environment,
-        )
+        return ran([*ROBOTREE, *words], within=within, env=self.environment)
 
     @contextlib.contextmanager
     def joined(self) -> Generator[Realm]:

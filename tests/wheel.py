@@ -9,6 +9,8 @@ import sys
 import venv
 from pathlib import Path
 
+from tests.command_line import ran
+
 ROOT = Path(__file__).parents[1]
 WAY_OUT = ("PIP_", "UV_", "SSL_", "HTTP", "http", "NO_PROXY", "no_proxy")
 """Beginnings of the variables that say how this machine reaches a package index."""
@@ -18,15 +20,7 @@ def run(
     *words: str | Path, code: int = 0, limit: float = 500, **env: str
 ) -> subprocess.CompletedProcess[str]:
     """Run a program to its end, and see that it ends with a code, before a limit [s]."""
-    done = subprocess.run(
-        [str(word) for word in words],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=limit,
-        env={**os.environ, **env},
-    )
+    done = ran(words, within=limit, env={**os.environ, **env})
     assert done.returncode == code, done.stdout[-3000:] + done.stderr[-3000:]
     return done
 

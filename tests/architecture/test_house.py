@@ -23,6 +23,7 @@ from packaging.utils import canonicalize_name
 
 from robotree.tui.line.actions import ACTIONS
 from robotree.vr.base.extras import MODULES
+from tests.command_line import ran
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("assistants", "client", "files", "kinds", "protocol", "sim", "vr", "proxy", "testing", "tui")
@@ -311,12 +312,8 @@ def circles(imports: dict[str, set[str]]) -> set[frozenset[str]]:
 @pytest.fixture(scope="module")
 def imports() -> dict[str, set[str]]:
     """By module of ours: the modules of ours that it imports anywhere."""
-    done = subprocess.run(
-        [sys.executable, "-c", GRAPH],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "typings")},
-        capture_output=True,
-        text=True,
-        check=True,
+    done = ran(
+        [sys.executable, "-c", GRAPH], check=True, env=os.environ | {"PYTHONPATH": str(ROOT / "typings")}
     )
     return {module: set(names) for module, names in json.loads(done.stdout).items()}
 

@@ -22,6 +22,7 @@ from urllib.request import urlopen
 
 import pytest
 
+from tests.command_line import ran
 from tests.wheel import ROOT, WAY_OUT, run
 
 STRAY = "stray"
@@ -78,9 +79,7 @@ def test_setup_needs_nothing_but_make_and_python_and_keeps_to_the_lock(
     pinned = next(
         one for one in (clone / "requirements.lock").read_text().splitlines() if one.startswith("uv==")
     )
-    uv = subprocess.run(
-        [str(clone / ".venv/bin/uv"), "--version"], capture_output=True, text=True, check=True
-    )
+    uv = ran([str(clone / ".venv/bin/uv"), "--version"], check=True)
     assert uv.stdout.split()[1] == pinned.partition("==")[2].split()[0]
 
     left_over = stray(clone)

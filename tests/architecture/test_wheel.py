@@ -28,6 +28,7 @@ from PIL import Image, ImageChops
 
 from robotree.protocol.tools.capture.mcap import McapWriter
 from robotree.tui.line.actions import ACTIONS
+from tests.command_line import ran
 from tests.wheel import ROOT, build, environment, install, run, uv
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(540)]
@@ -72,16 +73,7 @@ def demo(
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(place), "PYTHONPATH": "", "TERM": "xterm-256color"}
 
     def type_line(*words: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [installed / "robotree", *words],
-            cwd=tmp_path,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=120,
-            env=environment,
-        )
+        return ran([installed / "robotree", *words], cwd=tmp_path, within=120, env=environment)
 
     process = subprocess.Popen(
         [installed / "robotree", "demo"],

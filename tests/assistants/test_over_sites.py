@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import signal
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from mcp.client.stdio import StdioServerParameters
 
 from robotree.client.blocking import Realm
 from tests.assistants.conftest import ME, PAGE, text
+from tests.command_line import ran
 from tests.plant import Plant
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(400)]
@@ -142,9 +142,6 @@ def test_a_robot_believes_no_permit_that_nobody_has_read_from_its_realm(
     """A program of each site that speaks the protocol itself writes a permit into its call."""
     sites, realm = plant
     before, machine = realm[cart].count(), sites.lab if site == "lab" else sites.hall
-    done = subprocess.run(
-        [sys.executable, "-c", FORGER, cart],
-        capture_output=True, text=True, check=True, env=machine.environment,
-    )  # fmt: skip
+    done = ran([sys.executable, "-c", FORGER, cart], check=True, env=machine.environment)
     assert done.stdout.strip() == "PermitRefused permit abcdefgh does not allow this: there is none"
     assert realm[cart].count() == before

@@ -45,7 +45,7 @@ from robotree.vr.base.errors import (
 )
 from robotree.vr.core.machine import ATTENTION
 from robotree.vr.network.realms import all_realms, robots_in
-from tests.command_line import ROBOTREE
+from tests.command_line import ROBOTREE, ran
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.e2e
@@ -427,9 +427,7 @@ with robotree.connect() as realm:
         ann.where()
     print(os.waitpid(child, 0)[1] != 0, ann.where().stride, repr(realm))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = ran([sys.executable, "-c", code], within=60)
     assert done.stdout == "True 0.5 <realm default>\n", done.stderr
     assert "fork" in done.stderr
     assert realm["ann"].where().stride == 0.5
@@ -514,9 +512,7 @@ def test_a_program_of_the_page_runs(arm: Path, number: int) -> None:
     program = arm / f"test_program_{number}.py"
     program.write_text(text)
     words = ["-m", "pytest", "-q", "-p", "no:cacheprovider"] if "def test_" in text else []
-    done = subprocess.run(
-        [sys.executable, *words, str(program)], cwd=arm, capture_output=True, text=True, check=False
-    )
+    done = ran([sys.executable, *words, str(program)], cwd=arm)
     assert done.returncode == 0, done.stdout + done.stderr
     if "could not" in text:  # each branch of the example is taken
         assert "refused before anything moved: " in done.stdout

@@ -9,7 +9,6 @@ import re
 import shlex
 import shutil
 import socket
-import subprocess
 import tarfile
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from robotree.tui import exit_codes
 from robotree.tui.line import manual
 from robotree.tui.processes.crew import Crew
 from robotree.tui.processes.serving import MANAGER, tell_the_manager
-from tests.command_line import within_realm
+from tests.command_line import ran, within_realm
 
 # -- the units of systemd start what the guide says, and systemd understands them -----------------
 
@@ -91,11 +90,8 @@ def test_systemd_understands_a_unit(unit: Path, tmp_path: Path) -> None:
     units = tmp_path / "units"
     shutil.copytree(ROOT / "deploy", units)
     instance = units / unit.name.replace("@.", "@one.")
-    done = subprocess.run(
+    done = ran(
         [str(shutil.which("systemd-analyze")), "--user", "verify", str(instance)],
-        capture_output=True,
-        text=True,
-        check=False,
         env={**os.environ, "HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path)},
     )
     assert (done.returncode, done.stderr) == (0, "")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from robotree.tui.cli import main
+from tests.command_line import ran
 from tests.interop.conftest import TOOLS
 from tests.tui.recording.foxglove_client import connected
 from tests.tui.recording.test_lerobot import written
@@ -42,11 +42,8 @@ async def test_the_client_of_our_tests_understands_a_server_of_the_sdk() -> None
 
 def test_a_data_set_is_read_as_lerobot_reads_it(tmp_path: Path) -> None:
     assert main(["export", "lerobot", str(written(tmp_path / "a.mcap")), str(tmp_path / "set")]) == 0
-    read = subprocess.run(
+    read = ran(
         [str(TOOLS / "python"), str(HERE / "lerobot_set_reader.py"), str(tmp_path / "set")],
-        capture_output=True,
-        text=True,
-        check=False,
         env={**os.environ, "HF_HOME": str(tmp_path / "home"), "HF_HUB_OFFLINE": "1"},
     )
     assert read.returncode == 0, read.stderr

@@ -27,6 +27,7 @@ from robotree.vr.sites.joining import ask_authority
 from robotree.vr.sites.keys import RealmKeys, create
 from robotree.vr.supervision.realm_client import RealmClient
 from tests import apart
+from tests.command_line import ran
 from tests.durability.stage import Program
 from tests.ports import free_port
 
@@ -201,12 +202,7 @@ async def _carries(name: str) -> None:
     """Wait until a port of the bridge forwards."""
 
     def forwards() -> bool:
-        shown = subprocess.run(
-            [_tool("ip"), "-d", "-j", "link", "show", f"to-{name}"],
-            capture_output=True,
-            check=True,
-            text=True,
-        )
+        shown = ran([_tool("ip"), "-d", "-j", "link", "show", f"to-{name}"], check=True)
         return json.loads(shown.stdout)[0]["linkinfo"]["info_slave_data"]["state"] == "forwarding"
 
     latest = asyncio.get_running_loop().time() + CARRIES_WITHIN

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from robotree.vr.base.history_event import HistoryEvent
+from tests.command_line import ran
 from tests.laboratory.campaign import stale_in
 
 ROOT = Path(__file__).parents[2]
@@ -21,9 +21,7 @@ ROOT = Path(__file__).parents[2]
 def test_no_robot_is_lost_and_no_tree_of_a_site_waits_when_hub_line_and_gateway_fail() -> None:
     faults = "kill:hub-1,cut:yard,stop:gateway-hall"
     words = ("-m", "tests.laboratory.campaign", "--faults", "3", "--only", faults, "--json")
-    played = subprocess.run(
-        [sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=False, timeout=380
-    )
+    played = ran([sys.executable, *words], cwd=ROOT, within=380)
     assert played.stdout, played.stderr[-3000:]
     counted = json.loads(played.stdout.splitlines()[-1])
     assert counted["good"] is True, counted

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import struct
-import subprocess
 import sys
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from robotree.protocol.dialect.table import FIRST_OWN_ID, LARGEST_ID, TABLE
 from robotree.protocol.errors import DialectError
 from robotree.protocol.messages import TYPED
 from robotree.protocol.testing import forgetting_messages
+from tests.command_line import ran
 
 ONE_CAN_FD_FRAME = 50
 HOT = ("ROBOTREE_JOINTS", "ROBOTREE_TOOL", "ROBOTREE_GRIPPER", "ROBOTREE_GOAL", "ROBOTREE_MODE")
@@ -90,12 +90,7 @@ def test_the_dialect_uses_no_unit_that_mavlink_does_not_know(tmp_path: Path) -> 
     """The generator says it, as `mavgen --strict-units` does."""
     generator = [sys.executable, "-m", "pymavlink.tools.mavgen", "--strict-units", "--wire-protocol=2.0"]
     with compiler.workspace(compiler.DIALECT) as copy:
-        said = subprocess.run(
-            [*generator, "--lang=Python3", f"--output={tmp_path / 'out.py'}", str(copy)],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        said = ran([*generator, "--lang=Python3", f"--output={tmp_path / 'out.py'}", str(copy)])
     assert said.returncode == 0, said.stdout + said.stderr
     assert (tmp_path / "out.py").exists()
 

@@ -27,7 +27,7 @@ from robotree.tui.processes.crew import Crew
 from robotree.tui.wire.security import realm_key
 from robotree.vr.supervision.realm_client import RealmClient
 from robotree.vr.world.testing import until
-from tests.command_line import ROBOTREE
+from tests.command_line import ROBOTREE, ran
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("place")]
 NOBODY = 65534
@@ -72,16 +72,7 @@ print(json.dumps(told))
 def attack(script: str, *words: str, said: bytes = b"") -> str:
     """Run a program of another user; it cannot reach our files, so it brings its own text."""
     python = shutil.which("python3", path="/usr/bin:/bin:/usr/local/bin") or sys.executable
-    done = subprocess.run(
-        [python, "-I", "-S", "-c", script, *words],
-        input=said.hex(),
-        capture_output=True,
-        text=True,
-        cwd="/",
-        check=False,
-        timeout=60,
-        **AS_ANOTHER,
-    )
+    done = ran([python, "-I", "-S", "-c", script, *words], input=said.hex(), cwd="/", within=60, **AS_ANOTHER)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -216,14 +207,7 @@ def test_the_demo_runs_no_page_that_another_user_has_put_in_its_way(tmp_path: Pa
     (tmp_path / "robotree-demo").mkdir()
     (tmp_path / "robotree-demo" / "move_to.py").write_text("open('ran', 'w')")
     os.chown(tmp_path / "robotree-demo", NOBODY, NOBODY)
-    said = subprocess.run(
-        [*ROBOTREE, "demo", "--headless"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    said = ran([*ROBOTREE, "demo", "--headless"], cwd=tmp_path, within=60)
     assert said.returncode == exit_codes.REFUSED
     assert said.stderr == f"robotree: robotree-demo: it belongs to somebody else (user {NOBODY})\n"
 

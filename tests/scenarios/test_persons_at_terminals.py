@@ -6,7 +6,6 @@ import asyncio
 import json
 import math
 import re
-import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import pytest
 from robotree.client.joining import joined
 from robotree.tui import exit_codes
 from robotree.tui.processes.crew import Crew
-from tests.command_line import ROBOTREE, within_realm
+from tests.command_line import ROBOTREE, ran, within_realm
 from tests.terminal import CTRL_R, ENTER, RIGHT, Person
 from tests.waiting import PATIENCE, until
 
@@ -48,13 +47,7 @@ def somewhere_in_reach(person: Person) -> str:
 
 def say(*words: str) -> tuple[int, dict[str, Any]]:
     """Run a line; its exit code and its data."""
-    done = subprocess.run(
-        [*ROBOTREE, "--realm", REALM, *words, "--json"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = ran([*ROBOTREE, "--realm", REALM, *words, "--json"], within=120)
     return done.returncode, json.loads(done.stdout)
 
 

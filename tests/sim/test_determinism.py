@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import inspect
 import os
-import subprocess
 import sys
 
 import pytest
@@ -25,6 +24,7 @@ from robotree.protocol.messages import (
     Verb,
 )
 from robotree.sim.testing import ArmBench, Bench, RoverBench
+from tests.command_line import ran
 
 
 def played() -> str:
@@ -41,9 +41,7 @@ def test_runs_in_two_processes_are_the_same_to_the_last_bit() -> None:
     ArmBench().operator.do(Verb.GRIP, 0.0)
     source = f"{inspect.getsource(sys.modules[__name__])}\nprint(played())"
     environment = {**os.environ, "PYTHONHASHSEED": "1", "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", source], env=environment, capture_output=True, text=True, check=True
-    )
+    done = ran([sys.executable, "-c", source], check=True, env=environment)
     assert done.stdout.strip() == played()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -22,6 +21,7 @@ from robotree.vr import BadArgument, CommandCancelled, CommandFailed, DeadlineEx
 from robotree.vr.base.errors import DoesNotFit, NobodyAttends, NoSuchCommand, NotInControl, Stopped, WrongKind
 from robotree.vr.core.machine import ATTENTION
 from robotree.vr.world.virtual_runner import VirtualRunner
+from tests.command_line import ran
 from tests.testing.pages import Crowd, Half, Hidden, Hoist, Lift, Spinning, Swallowing, Typed
 
 
@@ -428,13 +428,7 @@ def test_a_failing_test_shows_the_difference_and_the_story_and_the_command_line_
 ) -> None:
     (tmp_path / "test_nod.py").write_text(TESTS)
     options = ("-q", "-s", "-p", "no:cacheprovider", "--robotree-seed", "4321")
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", *options, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-    )
+    done = ran([sys.executable, "-m", "pytest", *options, str(tmp_path)], cwd=tmp_path)
     output = done.stdout + done.stderr
     assert "3 passed" in output
     assert "1 failed" in output

@@ -12,7 +12,7 @@ import pytest
 from robotree.tui import exit_codes
 from robotree.tui.errors import StateInUse
 from robotree.tui.processes.state_files import kept_by_one
-from tests.command_line import ROBOTREE, robotree
+from tests.command_line import ROBOTREE, ran, robotree
 
 
 def test_two_controllers_do_not_share_a_file_of_leases(tmp_path: Path) -> None:
@@ -40,9 +40,7 @@ def test_a_stop_with_hardly_any_descriptor_says_only_what_a_person_can_use(free:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))
 
-    said = subprocess.run(
-        [*ROBOTREE, "stop"], preexec_fn=limit, capture_output=True, text=True, check=False, timeout=60
-    )
+    said = ran([*ROBOTREE, "stop"], preexec_fn=limit, within=60)
     *reason, nobody = said.stderr.splitlines()
     because = "robotree: the stop asks one process after another, because too many open files"
     assert reason == [because] or (not reason and free > 5)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests.command_line import ran
 from tests.world.families import FAMILIES, go_on
 from tests.world.story import play
 
@@ -40,13 +40,8 @@ def digest() -> str:
 
 def test_a_seed_gives_the_same_trace_in_another_process(tmp_path: Path, digest: str) -> None:
     """Whatever the order of sets of strings is there, and the folder in which it runs."""
-    run = subprocess.run(
-        [sys.executable, "-c", DIGEST],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONHASHSEED": "1"},
-        capture_output=True,
-        text=True,
-        check=True,
+    run = ran(
+        [sys.executable, "-c", DIGEST], check=True, cwd=tmp_path, env={**os.environ, "PYTHONHASHSEED": "1"}
     )
     assert run.stdout.strip() == digest
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests.command_line import ran
 from tests.world.families import FAMILIES
 from tests.world.safeguards import SAFEGUARDS, VARIABLE, without
 from tests.world.story import Laws
@@ -164,12 +164,9 @@ def test_each_safeguard_has_a_seed_or_a_test_elsewhere() -> None:
 @pytest.mark.parametrize("safeguard", ELSEWHERE)
 def test_without_a_safeguard_its_test_fails(safeguard: str) -> None:
     words = ["-q", "-x", "-p", "tests.world.safeguards", "-p", "no:cacheprovider"]
-    run = subprocess.run(
+    run = ran(
         [sys.executable, "-m", "pytest", *words, f"tests/{ELSEWHERE[safeguard]}"],
-        check=False,
         cwd=ROOT,
         env={**os.environ, VARIABLE: safeguard},
-        capture_output=True,
-        text=True,
     )
     assert run.returncode == pytest.ExitCode.TESTS_FAILED, run.stdout

@@ -16,7 +16,7 @@ from robotree.protocol import encode
 from robotree.protocol.messages import NamedValueFloat
 from robotree.protocol.tools.capture import Recording, tlog
 from robotree.tui import exit_codes
-from tests.command_line import NO_BYTECODE, ROBOTREE
+from tests.command_line import NO_BYTECODE, ROBOTREE, ran
 
 NOON = 1_700_000_000_000_000
 
@@ -82,12 +82,9 @@ def test_a_full_disk_is_blamed_on_the_file_and_not_on_the_link(
     arm: str, tmp_path: Path, suffix: str, limit: int
 ) -> None:
     path = tmp_path / f"a.{suffix}"
-    done = subprocess.run(
+    done = ran(
         [*ROBOTREE, "wire", "record", "--connect", arm, str(path), "--for", "20s"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
+        within=60,
         env={**os.environ, **NO_BYTECODE},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
@@ -103,12 +100,9 @@ def test_a_full_disk_is_not_blamed_on_what_a_dialect_is_made_of(say: Any, tmp_pa
     said = say("wire", "dialect", "--lang", "python", "/dev/full")
     assert re.fullmatch(r"robotree: /dev/full cannot be written: [\w ]+\n", said.err)
     assert said.code == exit_codes.REFUSED
-    done = subprocess.run(  # without room even for what it is made of
+    done = ran(
         [*ROBOTREE, "wire", "dialect", "--lang", "c", "out"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
+        within=60,
         cwd=tmp_path,
         env={**os.environ, **NO_BYTECODE},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),

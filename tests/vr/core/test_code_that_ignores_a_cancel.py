@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
-import subprocess
 import sys
 import threading
 import time
@@ -19,6 +18,7 @@ from robotree.vr.base.errors import CommandCancelled, DeadlineExceeded, StillRun
 from robotree.vr.base.requests import State, decode_event
 from robotree.vr.running.frame import ATTEMPTS
 from robotree.vr.running.runner import Interrupted, InterruptibleThread
+from tests.command_line import ran
 from tests.vr.core.conftest import REAL_GRACE
 
 pytestmark = pytest.mark.real_threads
@@ -227,7 +227,5 @@ def test_an_interruption_at_the_very_end_is_heard_once_or_not_at_all() -> None:
 
 def test_what_has_ended_does_not_make_a_profiled_process_turn_on_the_spot() -> None:
     script = PROFILED.format(module=InterruptibleThread.__module__)
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
-    )
+    done = ran([sys.executable, "-c", script], check=True, within=60)
     assert done.stdout == "alive\n"

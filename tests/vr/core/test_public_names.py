@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ast
 import inspect
-import subprocess
 import sys
 from importlib import import_module
 
 import pytest
 
 from robotree import vr
+from tests.command_line import ran
 
 
 def test_each_public_name_is_the_one_that_a_type_checker_sees() -> None:
@@ -50,7 +50,5 @@ def test_a_name_that_is_not_offered_is_an_error_as_in_any_module() -> None:
     ],
 )
 def test_nothing_is_loaded_or_named_that_is_not_needed(code: str, printed: list[str]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", f"import sys; {code}"], capture_output=True, text=True, check=True
-    )
+    done = ran([sys.executable, "-c", f"import sys; {code}"], check=True)
     assert done.stdout.splitlines() == printed

@@ -20,6 +20,7 @@ from robotree.protocol.errors import DialectError
 from robotree.protocol.frame import Frame
 from robotree.protocol.messages import Gripper, NamedValueFloat
 from robotree.protocol.tools.capture import Decoder
+from tests.command_line import ran
 
 GCC, JAVAC, TSHARK = (shutil.which(name) or "" for name in ("gcc", "javac", "tshark"))
 
@@ -69,12 +70,7 @@ def test_the_java_of_our_messages_compiles(tmp_path: Path) -> None:
     written = languages.write("java", tmp_path / "com" / "MAVLink")
     ours = [path for path in written if path.name.startswith("msg_robotree")]
     assert ours
-    done = subprocess.run(
-        [JAVAC, *QUICK, "-nowarn", "-sourcepath", tmp_path, "-d", tmp_path / "classes", *ours],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran([JAVAC, *QUICK, "-nowarn", "-sourcepath", tmp_path, "-d", tmp_path / "classes", *ours])
     assert done.returncode == 0, done.stderr
 
 
@@ -186,12 +182,7 @@ def test_tshark_understands_the_arm(tmp_path: Path, frames: list[Frame]) -> None
         "fields",
     ]
     fields = ["mavlink_proto.msgid", "mavlink_proto.sysid", "mavlink_proto.sequence"]
-    done = subprocess.run(
-        [*words, *(word for field in fields for word in ("-e", field))],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = ran([*words, *(word for field in fields for word in ("-e", field))], check=True)
     expected = [f"{frame.msgid}\t{frame.system}\t{frame.sequence}" for frame in frames]
     assert done.stdout.splitlines() == expected
 
