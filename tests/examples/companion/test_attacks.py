@@ -110,8 +110,10 @@ def test_a_second_client_cannot_open_the_hand_nor_anybody_during_a_stop(giving: 
     giving.base.say(SetMode(1, 1, 0, ModeKind.SAFE_STOP))
     giving.base.until(lambda: not giving.moving, 2.0)
     giving.base.wait(0.5)
+    assert not giving.moving
     giving.assert_held()
     answer = giving.left.do(Verb.GRIP, 0.08, epoch=2)
     assert (GoalState(answer.state), Reason(answer.reason)) == (GoalState.REFUSED, Reason.STOPPED)
     giving.base.wait(1.0)
+    assert not giving.moving
     giving.assert_held()

@@ -89,6 +89,17 @@ def test_a_withdrawal_of_the_unknown_is_remembered_and_told(table: LookupTable) 
 ROVER = Address("robot", "rover", "1")
 
 
+def test_what_was_withdrawn_is_not_filled_in_again_and_a_lost_lease_takes_all_with_it(
+    table: LookupTable,
+) -> None:
+    register(table, listing(1), now=0.0)
+    table.withdraw(ARM, 2, now=1.0)
+    assert table.fill(listing(1), 5.0, now=1.1) == []
+    assert names(table, 1.1) == []
+    register(table, listing(3), listing(address=ROVER), now=2.0)
+    assert table.expire(now=7.0) == [Unlisted(address=one, revision=LOST) for one in (ARM, ROVER)]
+
+
 def test_a_renewal_holds_only_what_its_own_process_has_listed(table: LookupTable) -> None:
     register(table, listing(), now=0.0)
     register(table, listing(address=ROVER), now=0.0, holder="process-2")
