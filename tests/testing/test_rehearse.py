@@ -441,7 +441,7 @@ def test_a_failing_test_shows_the_difference_and_the_story_and_the_command_line_
     assert "+ arm.go_to(x=0.3, y=0, z=0.2, twist=0)" in output
     assert "rehearsal 1: what was commanded" in output
     assert "1.124 s  arm.go_to(x=0.3, y=0, z=0.2, twist=0)" in output
-    assert (tmp_path / "seeds").read_text() == "4321\n"
+    assert (tmp_path / "seeds").read_text() == "0\n4321\n"  # the usual play, then the chosen one
 
 
 def test_a_type_checker_reads_the_kit() -> None:
