@@ -50,7 +50,7 @@ demo: $(STAMP)  ## the whole system in one terminal: cell, proxy, lookup, direct
 
 # Twice as many workers as two cores: half of the time the tests wait for something. Tests that measure speed come
 # after the others, one at a time: a worker beside them on the same core makes their processor time longer, too.
-test: $(STAMP) $(NODE_READY) browser  ## the test suite (about 12 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
+test: $(STAMP) $(NODE_READY) browser  ## the test suite (about 11 minutes on 2 cores); PYTHON=python3.13 chooses another interpreter
 	$(BIN)/python -m pytest -n $(WORKERS)
 	$(BIN)/python -m pytest -m "speed and not soak" $$(grep -rl --include='test_*.py' 'mark\.speed' tests)
 

@@ -16,7 +16,7 @@ from textual.message import Message
 from robotree.tui import exit_codes
 from robotree.tui.cli import main
 from robotree.tui.errors import BadKeymap
-from robotree.tui.screen.driver import BEGIN, END, LONGEST, BoundedPaste
+from robotree.tui.screen.driver import BEGIN, END, LONGEST, BoundedPaste, forgiving_decoder
 from robotree.tui.screen.keymap import PRESETS, Keymap, default_keys, load, read
 
 
@@ -133,6 +133,15 @@ def read_in_pieces(parser: XTermParser, text: str, cuts: list[int]) -> list[str]
 def test_what_is_not_too_long_is_read_as_before_however_it_is_cut(parts: list[str], cuts: list[int]) -> None:
     text = f"x{''.join(parts)}{END}y"
     assert read_in_pieces(BoundedPaste(), text, cuts) == read_in_pieces(XTermParser(), text, cuts)
+
+
+def test_the_stop_ends_a_paste_without_an_end_and_no_byte_is_an_error() -> None:
+    parser, decode = BoundedPaste(), forgiving_decoder("utf-8")().decode
+    read: list[Message] = []
+    for piece in (b"\xe9", b"\x13", BEGIN.encode(), b"abc", b"\x13", b"q"):
+        if text := decode(piece):
+            read += parser.feed(text)
+    assert [one.key for one in read if isinstance(one, Key)][-3:] == ["ctrl+s", "ctrl+s", "q"]
 
 
 def test_a_paste_without_an_end_fills_no_memory_and_the_keys_behind_it_are_keys() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -85,6 +86,29 @@ def leave_stop(realm: str, confirmed: Collection[str], directories: Collection[s
     if untold:
         advice = ["make room there, or do not start these hosts", "stop again"]
         raise NotConfirmed(order="the protective stop", told=sorted(confirmed), untold=untold, advice=advice)
+    return sentences
+
+
+def leave_stop_apart(realm: str, missed: Collection[str]) -> list[str]:
+    """Have robots apart that did not confirm their own stop begin stopped in their next process. Blocks.
+
+    Args:
+        realm: in which.
+        missed: names of robots; of those that live in processes of their own here the stop is left.
+
+    Returns:
+        A sentence for each.
+    """
+    from robotree.tui.processes.state_files import journal_folders
+    from robotree.vr.journal.kept import APART, leave_stop
+    from robotree.vr.network.lean_stop import REASON
+
+    sentences: list[str] = []
+    for folder in journal_folders(realm):
+        if folder.parent.name == APART and folder.name in missed:
+            with suppress(OSError):  # then it is as it was said: not confirmed
+                leave_stop(folder, (), REASON)
+                sentences.append(f"{folder.name} will be stopped when its process is started again")
     return sentences
 
 

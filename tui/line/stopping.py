@@ -23,7 +23,7 @@ from robotree.tui.processes.state_files import KEYS
 from robotree.tui.terminal import complain, error_data, note
 from robotree.vr.base.chance import token
 from robotree.vr.base.envelope import sitting_at, this_terminal
-from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, RealmUnusable, VrError
+from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, RealmUnusable, RobotAway, VrError
 from robotree.vr.network.group_file import GroupFiles
 from robotree.vr.network.policy_file import state_of
 from robotree.vr.network.realms import all_realms, inhabited, realm_folder, state_home
@@ -64,16 +64,18 @@ def stop(line: Line, realm: str) -> int:
             folder: _left(folder, answer, console, held.get(folder, HeldOrders()).by)
             for folder, answer in answers.items()
         }
+    else:
+        _leave_apart(answers, console)
     if everywhere:
         return _report_all(answers, held, console)
     given = answers[folders[0]]
     answer = nothing_to_ask(realm, stopping=True) if given is None else given
     absent = held.get(folders[0], HeldOrders())
-    if isinstance(answer, NoSuchRobot) and absent.by and name:
-        console.outcome(held_away(name))
-        return exit_codes.DONE
     if isinstance(answer, NoSuchRobot):
         answer = away.explained(realm, answer)
+    if isinstance(answer, NoSuchRobot) and not isinstance(answer, RobotAway) and absent.by and name:
+        console.outcome(held_away(name))
+        return exit_codes.DONE
     if isinstance(answer, Exception):
         console.error(answer)
         return exit_codes.code_of(answer)
@@ -124,6 +126,14 @@ def _left(folder: Path, answer: Answer, console: Console, held: Sequence[str]) -
     except NotConfirmed as error:
         return answer if isinstance(answer, VrError) else error
     return answer
+
+
+def _leave_apart(answers: dict[Path, Answer], console: Console) -> None:
+    """Leave the stop of one robot for its next process, if it lives apart and its process hangs."""
+    for folder, answer in answers.items():
+        if isinstance(answer, NotConfirmed):
+            for sentence in away.leave_stop_apart(folder.name, dict(answer.data["untold"])):
+                console.warn(sentence)
 
 
 def _in_turn(folder: Path, name: str | None, order: str) -> Answer:

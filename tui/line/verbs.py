@@ -1036,17 +1036,22 @@ async def stop(realm_client: RealmClient, line: Line, teller: Teller) -> Outcome
     """Stop one robot, or all, protectively; those that are away begin nothing that was ordered."""
     import asyncio
 
-    from robotree.vr.base.errors import NoSuchRobot, NotConfirmed
+    from robotree.vr.base.errors import NoSuchRobot, NotConfirmed, RobotAway
 
     name = line.text("NAME") or None
     held = asyncio.ensure_future(hold(realm_client, name or "", teller))  # of those that are away, at once
     if name is not None:
         try:
             return stopped(await realm_client.stop(name, on_late=teller.warn))
-        except NoSuchRobot:
-            if not (await held).by:
-                raise
+        except NoSuchRobot as error:
+            reason = await asyncio.to_thread(away.explained, realm_client.realm, error)
+            if isinstance(reason, RobotAway) or not (await held).by:
+                raise reason from None
             return held_away(name)
+        except NotConfirmed as error:
+            for sentence in away.leave_stop_apart(realm_client.realm, dict(error.data["untold"])):
+                teller.warn(sentence)
+            raise
         finally:
             await held
     try:

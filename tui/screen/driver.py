@@ -8,7 +8,9 @@ every signal (Textual 8.2.8, `textual/drivers/_writer_thread.py`).
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from codecs import IncrementalDecoder, getincrementaldecoder
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import IO, Any, Final, cast
 
 from textual._xterm_parser import XTermParser
@@ -28,6 +30,15 @@ BEGIN, END = "\x1b[200~", "\x1b[201~"
 """What a terminal sends around a paste (xterm, bracketed paste mode)."""
 
 
+STOP = "\x13"
+"""What a terminal sends for ctrl+s, the key that stops robots anywhere."""
+
+
+def forgiving_decoder(encoding: str) -> Callable[[], IncrementalDecoder]:
+    """Return how to make a decoder for which no byte is an error: noise must not end the screen."""
+    return partial(getincrementaldecoder(encoding), errors="replace")
+
+
 class BoundedPaste(XTermParser):
     """Textual's reader of what a terminal sends, with pastes that have a largest size.
 
@@ -43,7 +54,12 @@ class BoundedPaste(XTermParser):
     """End of what was read: it may hold the first characters of `BEGIN`, or, in a paste, of `END`."""
 
     def feed(self, data: str) -> Iterable[Message]:
-        """Read on; `data` is empty at the end."""
+        """Read on; `data` is empty at the end.
+
+        The stop, in a read of its own, is no part of a paste: it ends one that the terminal has not ended.
+        """
+        if self._room is not None and set(data) == {STOP}:
+            data = END + data
         kept = self._bounded(data)
         return super().feed(kept) if kept or not data else ()
 
@@ -106,8 +122,9 @@ class OutlivingDriver(LinuxDriver):
     """Whether the alternate screen is not left at the end, because another program is drawn over this one."""
 
     def run_input_thread(self) -> None:
-        """Read the terminal, with pastes that have a largest size."""
-        setattr(linux_driver, "XTermParser", BoundedPaste)  # noqa: B010 # Textual makes the one of its module
+        """Read the terminal, with pastes that have a largest size, and whatever bytes it sends."""
+        setattr(linux_driver, "XTermParser", BoundedPaste)  # noqa: B010 # Textual makes those of its module
+        setattr(linux_driver, "getincrementaldecoder", forgiving_decoder)  # noqa: B010
         super().run_input_thread()
 
     def send_message(self, message: Message) -> None:

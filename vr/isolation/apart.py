@@ -294,11 +294,12 @@ class RobotApart:
 
     def _make_room(self, folder: Path) -> None:
         """Have an empty folder. What is kept there of a robot that is not back is put aside, not removed."""
-        if self._page_file.exists() and folder.exists():
+        if folder.exists():
             asides = (folder.with_name(f"{self.name}.{number}") for number in itertools.count(1))
             aside = next(path for path in asides if not path.exists())
             folder.rename(aside)
-            self._page_file.rename(aside / self._page_file.name)
+            with contextlib.suppress(FileNotFoundError):  # somebody has removed it
+                self._page_file.rename(aside / self._page_file.name)
             _log.warning("%s begins anew; what was kept of the one before is in %s", self.name, aside)
         self._clear(folder)  # of one that was deleted while nobody looked
         private_folder(folder)
@@ -1031,6 +1032,9 @@ class RobotsApart:
         if self._setting.folder is None:
             return []
         found: list[KeptApart] = []
+        for folder in (self._setting.folder / APART).glob("*/"):
+            if "." not in folder.name and not folder.with_name(f"{folder.name}{PAGE}").exists():
+                _log.error("%s is not back: its page is missing beside %s", folder.name, folder)
         for path in sorted((self._setting.folder / APART).glob(f"*{PAGE}")):
             try:
                 found.append(_stopped(path, _kept.decode(path.read_bytes()), "its host was away"))

@@ -329,6 +329,12 @@ async def test_a_damaged_journal_is_named_and_outlasts_a_new_robot_of_its_name(
     assert f"is in {aside}" in caplog.text
     await place.restart()
     assert await place.robot().call("add", {"a": 1, "b": 2}) == 3
+    await place.end()
+    folder.with_name("guest.page").unlink()
+    await place.start()
+    assert "guest is not back: its page is missing" in caplog.text
+    await place.create()
+    assert folder.with_name("guest.2").is_dir()
 
 
 async def test_who_holds_the_interpreter_harms_itself_alone(
@@ -417,6 +423,10 @@ def test_a_stop_of_everything_is_left_for_each_robot_apart_and_says_at_which_hos
     assert stop_left(folder / "guest"), "it is another one that is resumed"
     away.take_stop_back("test", "guest")
     assert not stop_left(folder / "guest")
+    assert away.leave_stop_apart("test", ["guest", "elsewhere"]) == [
+        "guest will be stopped when its process is started again"
+    ]
+    assert stop_left(folder / "guest")
 
 
 async def test_it_is_ended_for_good_when_it_forges(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
