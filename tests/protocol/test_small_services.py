@@ -139,16 +139,21 @@ def test_who_must_hear_us_does_so_though_three_heartbeats_in_a_row_are_lost(pati
 delays = st.lists(st.tuples(st.floats(0, 0.3), st.floats(0, 0.3)), min_size=1, max_size=2 * KEPT)
 
 
+def expect_right(ours: Synchroniser, now: float, there: float, back: float, offset: float) -> None:
+    """Ask the time over a way of two delays [s], and compare the estimate with the offset [s]."""
+    (question,) = ours.tick(now)
+    (reply,) = answer(question, now + there + offset)
+    estimate = ours.receive(reply, now + there + back)
+    assert estimate is not None
+    assert abs(estimate.offset - offset) <= estimate.delay + 1e-6
+
+
 @given(offset=st.floats(-1e6, 1e6), ways=delays)
 def test_the_offset_is_right_to_within_the_best_delay(offset: float, ways: list[tuple[float, float]]) -> None:
     ours, now = Synchroniser(), max(0.0, -offset) + 1.0
     for there, back in ways:
         now += PERIOD
-        (question,) = ours.tick(now)
-        (reply,) = answer(question, now + there + offset)
-        estimate = ours.receive(reply, now + there + back)
-        assert estimate is not None
-        assert abs(estimate.offset - offset) <= estimate.delay + 1e-6
+        expect_right(ours, now, there, back, offset)
     shortest = min(sum(way) for way in ways[-KEPT:])
     assert ours.estimate is not None
     assert abs(ours.estimate.delay - shortest / 2) < 1e-6
@@ -194,11 +199,7 @@ def test_a_far_clock_that_was_set_anew_is_believed_at_once(
     for offset, each in ((before, ways), (after, new_ways)):
         for there, back in each:
             now += PERIOD
-            (question,) = ours.tick(now)
-            (reply,) = answer(question, now + there + offset)
-            estimate = ours.receive(reply, now + there + back)
-            assert estimate is not None
-            assert abs(estimate.offset - offset) <= estimate.delay + 1e-6
+            expect_right(ours, now, there, back, offset)
 
 
 def test_clocks_that_drift_are_no_reason_to_begin_anew() -> None:

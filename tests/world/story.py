@@ -48,6 +48,7 @@ HOPS = 3
 """Messages from an operator down to a cart, on each of which the time that is left begins anew."""
 LOOK = 0.1
 """[s] between two looks of the judge."""
+Work = Callable[[RealmClient], Awaitable[object]]
 BONDS = {("pair", "left"): "cart-1", ("pair", "right"): "cart-2", ("train", "pair"): "pair"}
 """Which parent commands which child, at first and at the end."""
 ROBOTS = (("pair", "host-1", "Pair"), ("train", "host-2", "Train"), ("spare", "host-3", "Pair"))
@@ -337,14 +338,7 @@ class Story(Judged, Eventful):
 
     # -- operators --------------------------------------------------------------------------------
 
-    def _as_operator(
-        self,
-        when: float,
-        work: Callable[[RealmClient], Awaitable[object]],
-        what: str = "",
-        *,
-        operator: str = "operator-1",
-    ) -> None:
+    def _as_operator(self, when: float, work: Work, what: str = "", *, operator: str = "operator-1") -> None:
         def begin() -> None:
             realm_client = self.realm.realm_clients.get(operator)
             if realm_client is not None:

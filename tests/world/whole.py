@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Awaitable, Callable
 from types import ModuleType
 from typing import Any
 
-from robotree.vr.supervision.realm_client import RealmClient
 from tests.world.kernel import SimulatedSocket, Trouble
 from tests.world.machine import REALM, ROOT, MachineProcess, MachineWorld, network_is_whole, play_on_machine
-from tests.world.story import CALM, LENGTH, Story
+from tests.world.story import CALM, LENGTH, Story, Work
 
 ENTERED = 0.5
 """[s] until an operator looks again whether its program has entered the realm."""
@@ -50,14 +48,7 @@ class WholeStory(Story):
     def _machines(self) -> list[MachineProcess]:
         return [process for process in self.realm.processes.values() if isinstance(process, MachineProcess)]
 
-    def _as_operator(
-        self,
-        when: float,
-        work: Callable[[RealmClient], Awaitable[object]],
-        what: str = "",
-        *,
-        operator: str = "operator-1",
-    ) -> None:
+    def _as_operator(self, when: float, work: Work, what: str = "", *, operator: str = "operator-1") -> None:
         if work != self._keep_whole or operator in self.realm.realm_clients:
             super()._as_operator(when, work, what, operator=operator)
         else:

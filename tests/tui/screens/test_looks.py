@@ -30,9 +30,7 @@ async def test_a_person_reads_keys_headers_states_and_questions_in_another_langu
     await realm.create("move_to.py", "mover")
     async with operate(realm.realm_client, size=(80, 24)) as operator:
         await operator.sees("mover", "rover-1", "STATE")
-        await operator.press("colon")
-        await operator.type(f"language {code}")
-        await operator.press("enter")
+        await operator.obey(f"language {code}")
         say = words.say
         await operator.sees(say("free"), say("STATE"), say("STOP"), say("New"), say("Help"))
         footer = [key.description for key in operator.one(KeyLine).query(FooterKey)]
@@ -45,9 +43,7 @@ async def test_a_person_reads_keys_headers_states_and_questions_in_another_langu
         await operator.sees("delete mover?", say("Cancel"), say("Delete"))
         await operator.press("escape", "space")
         await operator.sees(say("PROTECTIVE STOP"), say("{key} resumes", key="R"), say("stopped"))
-        await operator.press("colon")
-        await operator.type("language xx")
-        await operator.press("enter")
+        await operator.obey("language xx")
         await operator.sees("no language 'xx'")
 
 
@@ -59,14 +55,10 @@ async def test_a_person_changes_the_colours_by_key_and_by_name(realm: Realm, ope
         before = app.theme
         await operator.press("f8")
         assert app.theme != before
-        await operator.press("colon")
-        await operator.type("theme desk")
-        await operator.press("enter")
+        await operator.obey("theme desk")
         await operator.sees("theme desk")
         assert app.theme == chosen("desk", app.console.color_system, app.looks.own_themes).name
-        await operator.press("colon")
-        await operator.type("theme neon")
-        await operator.press("enter")
+        await operator.obey("theme neon")
         await operator.sees("no theme 'neon'")
         assert app.store.entries[-1].text.endswith("robotree/themes/NAME.toml, read at the start")
         assert app.looks.kept.get("theme", "") == "desk"
