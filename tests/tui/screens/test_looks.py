@@ -173,7 +173,7 @@ async def test_parts_sizes_and_filters_are_so_after_a_restart(
         await operator.sees("views")
         await operator.press("l")
         await operator.sees("in parts by kind", "Rover: 1 robot")
-        assert places(operator)["#picture-box"].width == broad
+        await operator.until(lambda: places(operator)["#picture-box"].width == broad, "as broad as before")
         assert places(operator)["#below"].height == high
         await operator.obey("view night")
         await operator.sees("night /~am1", "1 of 2")

@@ -110,6 +110,7 @@ async def test_code_that_cannot_be_interrupted_is_given_up_and_can_do_nothing_mo
     with pytest.raises(DeadlineExceeded):
         await realm.client(rover).call("hang", {}, deadline=0.2)
     assert realm.runner.now() - began > 0.2 + REAL_GRACE * ATTEMPTS, "it was interrupted first"
+    await realm.until(lambda: len(rover.runtime.log.since(0)) == 2)  # the second one comes behind the reply
     ended, goes_on = rover.runtime.log.since(0)
     assert (ended.level, ended.text.partition(";")[0]) == (
         "failed",
