@@ -449,8 +449,9 @@ async def test_asyncio_has_the_same(realm_of_processes: Path) -> None:
         assert await ben.walk(2, within=60) == 2.0
         walk = await ben.walk.start(x=1, steps=20)
         async for reading in ben.readings(hz=50):
-            assert 1 <= reading.x <= 2
-            break
+            if reading.x:  # what was published before may come first
+                assert 1 <= reading.x <= 2
+                break
         await walk.cancel()
         with pytest.raises(CommandCancelled):
             await walk
