@@ -33,7 +33,7 @@ class Looks:
         """
         self._app, self._tell, self._keeps = app, tell, keeps
         self.kept = Choices()
-        """What was chosen last."""
+        """The theme and the language that were chosen last."""
         self.own_themes: tuple[Theme, ...] = ()
         self._ordered = False
         """Whether the terminal leaves the order of letters to us."""
